@@ -64,7 +64,7 @@ class Finding:
     """A finding: the request, the result, the reason, and the suggested change."""
 
     code: str
-    """A stable identifier for use in scripts."""
+    """A stable identifier of the problem, for use in scripts."""
     level: Level
     """Level, the gravest first: `broken` is no longer physical; `asked`: the outcome differs from
     the request; `model`: correct for the engine, perhaps not intended; `repeat`: another run may
@@ -72,7 +72,7 @@ class Finding:
     reason: str | None = None
     """The cause, as one word; null where the code has only one cause."""
     message: str
-    """A sentence that says what was observed, with numbers, and why."""
+    """A sentence on the observation, with numbers, and its reason."""
     advice: str | None = None
     """The call that fixes the problem."""
     proposed: bool = False
@@ -80,7 +80,7 @@ class Finding:
     addresses the cause. `drop why` tries it."""
     proof: Proof = "sum"
     """How the finding is proved: by the `sum` of impulses, by a `call` (or the file that it loads),
-    by a `trial`; `none` if its advice is only a proposal."""
+    by a `trial`; `none` if the advice is only a proposal."""
     cure: Cure | None = None
     """The advice as an intervention that `drop why` can try; null where no call makes the
     change."""
@@ -93,16 +93,16 @@ class Finding:
     other: str | None = None
     """Label of the other body; in JSON, `with`."""
     effect: Effect | None = None
-    """The magnitude of the problem."""
+    """The magnitude of the problem, with its SI unit."""
     share: float = 0.0
     """Ratio of the effect to its normal size; ranks findings of the same level."""
     steps: Span | None = None
     """The steps to which the finding applies."""
     site: str | None = None
-    """File and line of the call that caused it; in a notebook, cell and line."""
+    """File and line of the call that caused the problem; in a notebook, cell and line."""
     episode: int | None = None
-    """Number of the episode that contains these steps; None if they span several, or the run has
-    only one."""
+    """Number of the episode that contains `steps`; None if the steps span several episodes, or the
+    run has only one."""
     episodes: int = 1
     """Number of episodes in which the problem was found."""
 
@@ -113,9 +113,10 @@ class Finding:
     )
     """The account row that reports the same fact about the same subject."""
     kind: Hashable = field(default=None, repr=False, compare=False, metadata={"json": False})
-    """The sentence that reports it: its rule, and the first row that has the sentence."""
+    """A key that is equal for findings with the same sentence: the rule, and the rule's first row
+    with that sentence."""
     verdict: str | None = None
-    """The best result among its trials, if `drop why` was run on this recording."""
+    """The best verdict among the finding's trials, if `drop why` was run on this recording."""
     tried: tuple[Mapping[str, Any], ...] = ()
     """The trials of this finding."""
 
@@ -143,8 +144,8 @@ class Finding:
     def advised(self) -> str | None:
         """The advice as shown: marked *to try* until a trial confirms it; None if one refuted it.
 
-        For a finding that names a cause itself, a trial shows that the outcome hangs on that cause,
-        and not that anyone wants the advice.
+        If the finding's code is itself a cause, a trial shows that the outcome depends on that
+        cause, but not that the user wants the advice.
         """
         same = self.cure and (self.cure.name, self.cure.value)
         own = [each for each in self.tried if (each["name"], each.get("value")) == same]
@@ -163,9 +164,9 @@ class Finding:
 
 @dataclass(kw_only=True)
 class Scene:
-    """The tables that rules read: a rule's parameters name those that it needs (`read_by`).
+    """The tables that rules read; a rule's parameters name the tables that it needs (`read_by`).
 
-    They grow chunk by chunk, and are complete when the rules are asked.
+    The tables are filled chunk by chunk; while rules examine a chunk, that chunk is included.
     """
 
     seen: Seen
@@ -179,12 +180,12 @@ class Scene:
     episodes: Sequence[Episode] = ()
     actuators: ActuatorTable = field(default_factory=ActuatorTable)
     call_of: Callable[[Cure], str] = lambda cure: cure.call
-    """Returns the source text of a cure, as a user of the engine would write it."""
+    """Returns the call or statement that a user of the engine would write to apply a cure."""
     asked: AskedOfBodies = field(init=False)
     placing: Placing = field(init=False)
     inputs: Inputs = field(init=False)
     chunk: StepChunk = field(init=False)
-    """The latest chunk, until it is forgotten."""
+    """The latest chunk, until `forget` is called."""
     records: Mapping[int, Record] = field(init=False, default_factory=dict)
     """The record of each rigid body, by body id."""
     constraints: Constraints = field(init=False)
@@ -235,7 +236,7 @@ SCENE_TABLES = {each.name for each in fields(Scene) if not each.name.startswith(
 
 
 def and_more(number: int) -> str:
-    """Return the text after a body's name that says how many similar bodies there are."""
+    """Return the suffix to a body's name that counts similar bodies, such as ` and 3 more`."""
     return Message(" (and {n} more)", n=number - 1) if number > 1 else ""
 
 

@@ -41,7 +41,7 @@ from drop_physics.trace.requests import Request
 
 @joint_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS)
 def joint_friction(joints: JointColumns) -> Match:
-    """PyBullet ignores a joint's `<dynamics friction>`; the joint coasts with its motor off."""
+    """PyBullet ignores the `<dynamics friction>` of a joint, which coasts with its motor off."""
     friction = joints.of_joints(lambda joint: joint.friction)
     off = (
         (joints.asked.impulse == 0)
@@ -392,8 +392,8 @@ wrong_body.rows(
 def _stood(inputs: Inputs, request: Request, asked: AskedOfBodies) -> bool:
     """Return whether a body had no mass until a call gave it one.
 
-    A body that a call itself made massless is released on purpose; so is a body made without mass,
-    unless the same line gives mass to bodies that have some, too.
+    A body that a call made massless is assumed to be released on purpose. So is a body created
+    without mass, unless the same script line also sets the mass of bodies that already had one.
     """
     body = request.body
     if request.before is not None:
@@ -422,14 +422,14 @@ def _made_kg(asked: AskedOfBodies, body: Body) -> float:
 
 @input_rule("taken-elsewhere", "asked", "ik-index")
 def ik_index(inputs: Inputs, seen: Seen) -> Iterator[Case]:
-    """Results of inverse kinematics go to joints by their index, including fixed joints."""
+    """Results of inverse kinematics are sent to joint indices that include fixed joints."""
     for number, call in _solved(inputs).items():
         yield from _by_index(inputs, seen, number, call)
 
 
 @input_rule("taken-elsewhere", "asked", "joint-index")
 def joint_index(inputs: Inputs, seen: Seen) -> Iterator[Case]:
-    """Targets of the movable joints go to joints by index, including fixed joints."""
+    """Targets for movable joints are sent to joint indices that include fixed joints."""
     for number in inputs.commanded.keys() - _solved(inputs).keys():
         yield from _by_index(inputs, seen, number)
 
@@ -489,7 +489,7 @@ def _by_index(inputs: Inputs, seen: Seen, number: int, call: Call | None = None)
 
 @input_rule("taken-elsewhere", "asked", "reset-frame")
 def reset_frame(inputs: Inputs, asked: AskedOfBodies) -> Iterator[Case]:
-    """A reset places the centre of mass; loading places the frame of the file."""
+    """A reset of a pose places the body's centre of mass; loading places the frame of its file."""
     for use in inputs.of(Act.SET_POSE):
         body = use.body
         load = None if body is None else asked.load(body)

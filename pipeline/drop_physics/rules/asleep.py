@@ -15,7 +15,7 @@ from drop_physics.rules.thresholds import UNBALANCED
 
 @body_rule("asleep", "asked")
 def asleep(bodies: BodyColumns) -> Match | None:
-    """A body's state stays the same to the bit, although forces on it are not balanced."""
+    """A body's state stays the same bit for bit, although the forces on it are not balanced."""
     if "asleep" not in bodies.whole.config.reasons or not bodies.terms:
         return None
     unbalanced = bodies.whole.unexplained > UNBALANCED

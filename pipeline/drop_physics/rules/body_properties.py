@@ -24,14 +24,14 @@ class AskedProperty:
     values: dict[int, float] = field(default_factory=dict)
     """The largest value that a call set."""
     since: dict[int, int] = field(default_factory=dict)
-    """The step after which it was first set."""
+    """The step after which a call first set the property."""
     sites: dict[int, str] = field(default_factory=dict)
-    """File and line of the last call that set it."""
+    """File and line of the last call that set the property."""
     changed: set[int] = field(default_factory=set)
     """Bodies for which calls set different values over time."""
 
     def site(self, *bodies: int) -> str | None:
-        """Return file and line of the call for the first of the bodies that has one."""
+        """Return file and line of the call for the first of the given bodies with such a call."""
         return next((self.sites[body] for body in bodies if body in self.sites), None)
 
 
@@ -83,7 +83,7 @@ def part_named(body: Body, link: int) -> str:
 
 
 def size_m(body: Body) -> float:
-    """Return the longest edge of a body's bounding box as loaded; 1 if unknown."""
+    """Return the longest edge of a body's bounding box as loaded [m]; 1 if unknown."""
     boxes = np.reshape(body.bounds_m, (-1, 2, 3))
     return float(np.max(boxes[:, 1] - boxes[:, 0], initial=0.0)) or 1.0
 
@@ -97,7 +97,7 @@ def length_m(body: Body, joint: Joint) -> float:
 def thickness_m(body: Body, link: int) -> float:
     """Return the shortest edge of a link's shape, or of a box around its shapes [m].
 
-    It is inf for planes and for shapes that are not convex, which have no inside.
+    The result is inf for planes and for shapes that are not convex, which have no inside.
     """
     shapes = [collision for collision in body.collisions if collision.link == link]
     if any(shape.kind == "plane" or not is_convex(shape) for shape in shapes):
@@ -121,8 +121,8 @@ def _thickness_m(shape: Collision) -> float:
 def strained_by(seen: Seen, bodies: Collection[Body]) -> float:
     """Return the mass ratio of bodies in contact if it is too large for the solver, else 0.
 
-    0 if the solver does not use up its iterations, and for bodies with joints, whose masses act as
-    one.
+    The result is also 0 if the solver stops before its last iteration, and for bodies with joints,
+    whose masses act together.
     """
     numbers = {body.number for body in bodies}
     told = {

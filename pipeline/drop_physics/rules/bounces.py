@@ -30,10 +30,10 @@ OF_THRESHOLD = "restitutionVelocityThreshold"
 
 @pair_rule("no-restitution", "asked")
 def no_restitution(pair: PairColumns, asked: AskedOfBodies, seen: Seen) -> Match | None:
-    """The engine multiplies both bodies' restitution, and most bodies have 0.
+    """The engine multiplies the restitution of both bodies, which is 0 for most bodies.
 
-    Otherwise they meet slower than Bullet's threshold, or a contact stops them before they touch:
-    of the rebound `e v - gap / timestep` is left.
+    Other reasons are a contact slower than Bullet's threshold, and a contact that brakes the bodies
+    before they touch, which reduces the rebound to `e v - gap / timestep`.
     """
     body, values = pair.pairs.body, asked.of["restitution"].values
     springy = np.isin(body, [number for number, value in values.items() if value > 0])
@@ -274,7 +274,7 @@ def _solref(pair: PairColumns, rows: NDArray[np.intp], seen: Seen) -> Float64:
 def _kinetic_j(pair: PairColumns, rows: NDArray[np.intp], chunk: StepChunk) -> Float64:
     """Return the kinetic energy of both bodies before the steps in which they first touch.
 
-    0 for bodies at rest, nan for bodies with joints; shape (rows,).
+    The energy is 0 for bodies at rest and nan for bodies with joints; shape (rows,) [J].
     """
     energy_j, bodies = np.zeros(len(rows)), pair.pairs.body[rows]
     begins = np.flatnonzero(pair.before(rows) < 0)

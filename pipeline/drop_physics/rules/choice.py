@@ -16,10 +16,10 @@ from drop_physics.rules.codes import CODES
 from drop_physics.rules.thresholds import MINOR
 
 MEANT = frozenset(("no-gravity",))
-"""Codes of behaviour that may be intended; such a finding is collapsed even if it is the
-only one."""
+"""Codes of behaviour that may be intended; such a finding counts as minor even if there is no
+other."""
 HALF = 0.5
-"""Share of what acted below which a note that nothing proves does not lead the answer."""
+"""Share below which a note without proof counts as minor."""
 ALL, NEVER = "all", "never"
 """Keywords that replace a list of codes, or a level."""
 
@@ -71,7 +71,7 @@ def picked(select: list[str] | None, ignore: list[str] | None, path: Path | None
     Raises
     ------
     ScenarioError
-        If there is no such code; the message says where, and which code is alike.
+        If a code does not exist; the message names the option or file, and the most similar code.
     """
     for key, names in {"select": select, "ignore": ignore}.items():
         for name in names or ():
@@ -96,7 +96,7 @@ def level_of(name: str, path: Path | None = None) -> Level | None:
     Raises
     ------
     ScenarioError
-        If there is none of that name.
+        If no severity has that name.
     """
     for level in LEVELS:
         if name == level:
@@ -114,9 +114,9 @@ def level_of(name: str, path: Path | None = None) -> Level | None:
 def minor(findings: Sequence[Finding], account: Sequence[AccountRow] = ()) -> list[Finding]:
     """Return the findings that explain little of the problem.
 
-    Those are: an observation that is no mistake, and small beside the gravest finding; a note
-    without a proof, about less than half of what acted; and a joint's gap that is small beside the
-    one in `account`.
+    Minor findings are: an observation that is no mistake, and small compared with the gravest
+    finding; behaviour that may be intended (`MEANT`); a note without proof whose share is below
+    `HALF`; and a joint's gap that is small compared with the one in `account`.
     """
     mistakes = [finding for finding in findings if finding.level in ("broken", "asked")]
     most = max((mistake.share for mistake in mistakes or findings), default=0.0)
@@ -141,7 +141,7 @@ def minor(findings: Sequence[Finding], account: Sequence[AccountRow] = ()) -> li
 
 
 def _beside(finding: Finding, account: Sequence[AccountRow]) -> bool:
-    """Return whether the account has a far larger gap of the finding's joint."""
+    """Return whether the account has a far larger gap of the joint than the finding."""
     effect = finding.effect
     return effect is not None and any(
         row.kind == "asked"

@@ -52,8 +52,8 @@ class StepChunk:
     def came(self, steps: Steps, parts: Iterable[tuple[int, BodySteps]], column: Column) -> Float64:
         """Return a quantity of the bodies' states one step earlier, shape (n, k); nan if unknown.
 
-        nan where there was none, or where the body was loaded since; shape (n, k). `parts`: the
-        steps of each body, and their first row, in order.
+        The quantity is nan if the body had no previous step, or was loaded since. `parts` has the
+        index of each body's first row, with the body's steps, in order.
         """
         values = np.array(column(steps.after))
         came, before = np.vstack([values[:1], values[:-1]]), np.append(-1, steps.steps[:-1])
@@ -80,7 +80,7 @@ class StepChunk:
         return found
 
     def body_of(self, call: Call) -> Body | None:
-        """Return the body that a call is about."""
+        """Return the body that a call's arguments identify; None without one."""
         place = next((at for name in BODY_NAMES if (at := call.site.places.get(name))), None)
         if place is None:
             return None
@@ -88,7 +88,7 @@ class StepChunk:
         return None if came is None else came.body
 
     def intervals(self, *bodies: int) -> Iterator[tuple[SampleStatus, BodySteps]]:
-        """Yield the steps of bodies: of all, or those with the given ids."""
+        """Yield the steps of the bodies with the given ids, or of all bodies."""
         for number in bodies or self.judged:
             for steps in self.judged[number].intervals if number in self.judged else ():
                 if len(steps):

@@ -1,6 +1,7 @@
-"""Rules about actuators that apply another control than the script's, or none.
+"""Rules about actuators that apply a different control than the script set, or none.
 
-Its target lies outside of its control range, or the model has actuation switched off.
+Reasons are a control beyond the actuator's range, a gear, a model flag that switches actuation off,
+and a reset.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from drop_physics.trace.writes import written_by
 SENT = "position", "velocity"
 """The kinds of actuators whose control is a target."""
 RANGE_FREE = "motor", *SENT
-"""The kinds of actuators that need no ctrlrange; a damper and an adhesion need one."""
+"""The kinds of actuators that work without a ctrlrange, unlike dampers and adhesion."""
 
 
 @actuator_rule("target-clamped", "asked", least_count=COASTS_STEPS, engines=MUJOCOS)
@@ -225,8 +226,8 @@ switched_off.rows(
 def reset_clears(actuators: ActuatorColumns, chunk: StepChunk) -> Match:
     """A reset of the state sets controls to zero, and nothing sets them again.
 
-    An episode that begins with zeros as the one before did may be given them: what is written
-    shows only where it differs.
+    An episode that begins with zeros like the previous one is not reported, since the script may
+    have written them: a write is visible only if it changes a value.
     """
     given, before = actuators.given, actuators.before.copy()
     cleared, written = np.zeros(given.shape, np.bool_), dict[int, dict[int, float]]()

@@ -32,7 +32,7 @@ CAUSES = {
     "applied": Message("forces that calls apply"),
     "constraints": Message("constraints"),
 }
-"""Terms that push a joint to move, with their descriptions."""
+"""Terms that push a joint against the default motor, with their descriptions."""
 TORQUE = np.array([[[False, True]]])
 """Index of the table's plane for joints driven by torques."""
 
@@ -189,7 +189,7 @@ default_motor.rows(
 
 
 def _hangs(joints: JointColumns) -> bool:
-    """Return whether constraints hold the base up; those between its own links do not."""
+    """Return whether constraints hold up the base, except those between the body's own links."""
     pulls = np.abs(joints.steps.terms.get("constraints", np.zeros((1, 1))))
     along = pulls[:, 3 : joints.steps.law.tree.first_rate]
     return bool(along.max(initial=0.0) > NO_TERM * pulls.max(initial=0.0))

@@ -16,7 +16,7 @@ class EarlierRows:
     first_controls: dict[int, Float64] = field(default_factory=dict)
     """The control of each actuator in the first step of the episode, shape (actuators,)."""
     rates: dict[int, Float64] = field(default_factory=dict)
-    """The highest rates so far, shape (rates,)."""
+    """The highest magnitude of each rate so far, shape (rates,)."""
     joints: dict[int, Float64] = field(default_factory=dict)
     """The position of each joint after the last step, shape (joint_rates,)."""
     put_steps: dict[int, Float64] = field(default_factory=dict)

@@ -34,7 +34,7 @@ UNREPORTED = frozenset(
 )
 """Properties that the engine never reports, so that a call that sets them may change something."""
 IDS = "Id", "Index", "Indices", "Mode"
-"""Suffixes of the arguments that identify what a call sets."""
+"""Suffixes of arguments that identify the target of a setter, instead of a value."""
 Named = tuple[object, ...]
 """Target of a call: function and arguments, and the body and joint that it identifies."""
 Key = tuple[int, str]
@@ -43,7 +43,7 @@ loaded again."""
 
 
 def named(call: Call) -> Named:
-    """Return a key for what a call sets, such as a body's pose."""
+    """Return a key for the quantity that a call sets, such as a body's pose."""
     site = call.site
     ids = tuple([call.numbers[at] for name, at in site.places.items() if name.endswith(IDS)])
     return call.client, site.function, site.names, ids
@@ -64,7 +64,7 @@ class AfterRestore:
     sets: dict[Named, tuple[tuple[float, ...] | None, Call]] = field(default_factory=dict)
     """Quantities set during the episode: the values before it, and the latest call."""
     starts: dict[Key, Float64] = field(default_factory=dict)
-    """The initial state of each body's first step."""
+    """The state of each body before the first step of the episode."""
     touched: set[tuple[int, ...]] = field(default_factory=set)
     """The bodies and links in contact in the episode's first step, each pair once."""
 
@@ -95,7 +95,7 @@ class Episodes:
         yield from self._now.values()
 
     def between(self, first: AfterRestore, second: AfterRestore) -> Iterator[AfterRestore]:
-        """Yield an episode and the following ones of its simulation, up to another one."""
+        """Yield an episode and later ones of its simulation, up to the episode `second`."""
         for each in self.all():
             same = each.begin.client == first.begin.client
             if same and first.begin.at.call <= each.begin.at.call < second.begin.at.call:
@@ -126,7 +126,7 @@ class Episodes:
         self._now[client] = AfterRestore(call)
 
     def _take(self, seen: Seen, now: AfterRestore | None, call: Call) -> None:
-        """Note a call, and what it sets."""
+        """Note a call, and the quantity that it sets."""
         pushes = call.act in PUSHES
         if now is not None:
             since = call.at.step - now.begin.at.step

@@ -55,12 +55,12 @@ from drop_physics.trace.events import Body
 
 @dataclass(frozen=True)
 class Spoiled:
-    """A pair of rules: a finding of one makes a finding of the other, or its advice, void."""
+    """An exclusion: findings of some codes make a finding of another code, or its advice, void."""
 
     code: str
     by: frozenset[str] | None
-    """Codes and reasons that void it, in findings about the same body; None for any finding graver
-    than a note, about any body."""
+    """Codes and reasons of findings about the same body that void this finding; None for any
+    finding graver than a note, about any body."""
     is_note: bool | None = None
     """Whether only notes can be void, or only findings that are not notes; None for both."""
     void: bool = False
@@ -92,11 +92,11 @@ SPOILED = (
     # Other limits are none for a joint that got the target of another.
     Spoiled("target-clamped", frozenset(("ik-index", "joint-index")), is_note=False),
 )
-"""Exclusions among findings, applied in order: a void finding excludes no other."""
+"""Exclusions among findings, applied in this order: a void finding excludes no other one."""
 
 
 def ranked(findings: Iterable[Finding]) -> list[Finding]:
-    """Sort findings, the most severe first; of equal ones on many bodies keep the worst."""
+    """Sort findings, the most severe first; of equal findings about many bodies, keep the worst."""
     groups: dict[tuple[Hashable, ...], list[Finding]] = {}
     for miss in _worst_misses(findings):
         groups.setdefault((miss.code, miss.reason, miss.kind), []).append(miss)
@@ -127,7 +127,7 @@ def told_apart(findings: Iterable[Finding], bodies: Collection[Body]) -> Iterato
 
 
 def _worst_misses(findings: Iterable[Finding]) -> Iterator[Finding]:
-    """Yield findings; of a body's missed targets only the worst for each cause."""
+    """Yield findings, but only the worst missed target of each body and kind of cause."""
     told: set[tuple[object, ...]] = set()
     for each in sorted(findings, key=lambda finding: finding.rank):
         is_speed = each.effect is not None and each.effect.unit.endswith("/s")

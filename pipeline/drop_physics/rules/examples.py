@@ -1,6 +1,6 @@
 """Reads the examples of codes from `docs/why.md`: scripts, with drop's output.
 
-In a wheel that page lies beside this file; in a clone it is read from its folder.
+In a wheel, that page is installed beside this file; in a clone, it is read from `docs`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from drop_physics.rules.codes import CODES
 INDENT, WIDTH = 3, 80
 """Columns before the text of a finding, and width of a line of the page."""
 ADVICE = "p.", "to try: "
-"""Prefixes of a line of advice that follows a full last line of the message."""
+"""Prefixes by which a line is recognized as advice if the message's last line is full."""
 PAGE = "why.md"
 IN_A_CLONE = Path(__file__).parents[3] / "docs" / PAGE
 SECTION = re.compile(r"^### (.+?)\n(.*?)(?=^##|\Z)", re.MULTILINE | re.DOTALL)
@@ -62,9 +62,9 @@ def examples() -> dict[str, CodeExample]:
 
 
 def _texts(lines: list[str]) -> list[str]:
-    """Split lines of output into message and advice, at the line that ends early.
+    """Split lines of output into message and advice, after the first line that ends early.
 
-    So does one before a call.
+    A line before a long call also ends early, since calls are not wrapped.
     """
     texts = [""]
     for line, following in itertools.pairwise([*filter(None, map(str.strip, lines)), ""]):

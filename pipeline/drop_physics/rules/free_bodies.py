@@ -145,7 +145,7 @@ def _shares(
 def _turning(tree: Tree, states: States) -> tuple[Float64, Float64]:
     """Return the angular momentum about the centre of mass, and the sum of the links' magnitudes.
 
-    The latter is the sum of its sizes, shape (n,).
+    The shapes are (n, 3) and (n,).
     """
     kin, masses = kinematics(tree, states), tree.masses_kg[:, None, None]
     moved = motion(kin, states.velocity)
@@ -164,7 +164,7 @@ def _turning(tree: Tree, states: States) -> tuple[Float64, Float64]:
 
 
 def _taken(bodies: BodyColumns, term: str, where: Flags) -> Match | None:
-    """Match steps in which a term takes energy, with what it took since calls set the state."""
+    """Match steps in which a term takes energy, with the energy taken since calls set the state."""
     its = [body.changes.energy_j.get(term) for body in bodies.batch.bodies]
     if any(each is None for each in its):
         return None
@@ -188,7 +188,7 @@ def _taken(bodies: BodyColumns, term: str, where: Flags) -> Match | None:
 
 @body_rule("default-damping", "note", subject=1, proposes=True)
 def default_damping(bodies: BodyColumns) -> Match | None:
-    """Damping that no call set takes a share of the energy of a body that nothing touches."""
+    """Damping that no call set takes a noticeable share of the energy of a body without contact."""
     if bodies.whole.config.damping != (None, None):
         return None
     # In the air is also a robot whose motors hold its joints, and what hangs on a constraint.
@@ -211,7 +211,7 @@ def swing_damped(bodies: BodyColumns) -> Match | None:
 
 @body_rule("rolling-friction", "model", subject=1)
 def rolling_friction(bodies: BodyColumns) -> Match | None:
-    """Rolling friction takes a share of a rolling body's energy."""
+    """Rolling friction takes a noticeable share of a rolling body's energy."""
     if bodies.law.tree.size != 6:  # a robot has motors to make up for it
         return None
     return _taken(bodies, "rolling", bodies.verdict.why < 0)

@@ -1,7 +1,7 @@
 """Rules about bodies that only friction holds, lying or gripped: `slides`, `creeps`.
 
-MuJoCo's friction below its limit is a damper: under load it yields at a speed set by the
-regularisation of the contact (impratio, the cone), whatever the coefficient. At its limit it
+Below its limit, MuJoCo's friction is a damper: under load a contact creeps at a speed set by the
+contact's regularisation (impratio, the cone), whatever the coefficient. At its limit, the contact
 slides.
 """
 
@@ -46,7 +46,7 @@ IMPRATIO = 10.0
 
 @body_rule("slides", "asked", consecutive=True, subject=1, engines=MUJOCOS)
 def slides_off(bodies: BodyColumns, chunk: StepChunk) -> Match | None:
-    """The weight of a body held by friction needs more than friction can give."""
+    """Holding a body's weight by friction alone requires more than the possible friction."""
     return _held(bodies, steady=False, chunk=chunk)
 
 
@@ -167,7 +167,7 @@ gives_way.rows(
 
 
 def _ways(slip: Float64, way: Float64, slid: Float64) -> tuple[Float64, Float64, Flags]:
-    """Return the paths of contact and body [m], and which slips belong to a steady slide."""
+    """Return the paths of contact and body [m], and flags of the steady slides, shape (n,)."""
     went_m, moved_m = lengths(slip), lengths(way)
     straight = np.minimum(slid, went_m) > STRAIGHT * np.maximum(slid, moved_m)
     return went_m, moved_m, (went_m >= SLIPS_M) & straight
@@ -176,14 +176,14 @@ def _ways(slip: Float64, way: Float64, slid: Float64) -> tuple[Float64, Float64,
 def _gives(available: float | Float64, normal: float | Float64, weight: float | Float64) -> Float64:
     """Return the impulse that friction can give under the body's own weight [N s].
 
-    The higher pressure of a landing lasts a few steps, and holds nothing afterwards.
+    The higher normal force of a landing lasts a few steps, and supports nothing afterwards.
     """
     given = available / np.maximum(normal, np.finfo(float).tiny)
     return np.where(np.asarray(weight) > 0, given * weight, available)
 
 
 def _beyond(needed: Float64, available: Float64, normal: Float64, weight: Float64) -> Flags:
-    """Flag the runs of steps that need more friction than there is, if there is any."""
+    """Flag the runs of steps in which the required friction exceeds the available one, if any."""
     gives = _gives(available, normal, weight)
     return np.asarray((needed > gives) & (gives > LOADED * needed))
 
@@ -191,13 +191,15 @@ def _beyond(needed: Float64, available: Float64, normal: Float64, weight: Float6
 def _held(bodies: BodyColumns, *, steady: bool, chunk: StepChunk) -> Match | None:
     """Return the steps in which a free body lies on something, or is gripped from two sides.
 
-    Steps in which a grip closes are left out, since it presses with more than it holds with; with
-    `steady` only those count in which the pressing bodies have not changed for a while.
+    Steps in which a grip closes are left out, since the normal force is larger then than later;
+    with `steady`, only steps after a while of nearly constant normal force count.
 
-    Sums: of time [s]; impulses of normal forces, of what friction could give and gave, of what the
-    weight takes of it, and presses with where it lies [N s]; the way at the contact, with signs and
-    without, and of the centre against what touches it [m]; steps as slow as a creep. Steps between
-    two touches that are not long apart count, too: on soft contacts it hops.
+    Sums over the steps: time [s]; impulses [N s] of the normal force, of the possible friction
+    (`available`), of the actual friction (`used`), of the friction that the weight requires
+    (`needed`) and of the weight's normal component (`weight`); the path at the contact as a length
+    (`slid`) and as a vector (`slip`), and the path of the body's centre relative to its support
+    (`way`) [m]; number of steps as slow as a creep (`slower`). Steps between two touches in quick
+    succession count, too, since a body hops on soft contacts.
     """
     body, pairs, n = bodies.batch.bodies[0].body, chunk.pairs, len(bodies.step)
     its, points = pairs.of_body.get(body.number, np.empty(0, np.int64)), pairs.points
@@ -272,7 +274,7 @@ def _held(bodies: BodyColumns, *, steady: bool, chunk: StepChunk) -> Match | Non
 def _closes(touches: Flags, approach_m_s: Float64) -> Flags:
     """Flag the steps from first touch until the parts rest against each other, shape (n,).
 
-    A first touch has none in the HOPS_STEPS before it.
+    A touch is a first one if there was no contact in the HOPS_STEPS before.
     """
     count, n = np.append(0, np.cumsum(touches)), np.arange(len(touches))
     first = touches & (count[n] == count[np.maximum(n - HOPS_STEPS, 0)])

@@ -19,8 +19,8 @@ from drop_physics.trace.history import Seen
 from drop_physics.trace.motors import POSITION
 
 CLOSE, MOST = 0.05, 0.5
-"""CLOSE: largest relative difference of a gap from the one predicted by a law; MOST: share that is
-most of a motor's torque."""
+"""CLOSE: largest relative difference between a gap and the one predicted by a control law; MOST:
+share of a motor's torque above which a cause accounts for most of that torque."""
 MORE_FORCE = Message("give it more force")
 Kind = Literal[
     "at its limit",
@@ -56,7 +56,7 @@ class Cause:
     proposed: bool | None = None
     """Whether the advice is only a proposal."""
     need: str = ""
-    """Advice about the force of the motor."""
+    """The advice to change the motor's force limit."""
 
 
 def cause_of(
@@ -79,7 +79,7 @@ def cause_of(
 
 
 def at_its_limit(limit: str, count: int, steps: int) -> Message:
-    """Return the cause for a motor that is at its force limit in some of the target's steps."""
+    """Return the text for a motor at its force limit in some of the steps of its target."""
     return Message(
         "its motor is at its limit of {limit} in {count:,} of {steps:,} steps",
         limit=limit,
@@ -115,7 +115,8 @@ def _too_weak(driven: JointTelemetry, held: PoseSupport, stood: HeldTargets, her
 def give_at_least(kind: Kind, why: Message, need: float, unit: str, force: float) -> Cause:
     """Return a cause whose suggested change is a higher force limit, rounded up.
 
-    `force` is the given limit: if it is enough, its call came before that of the timestep.
+    `force` is the limit that the call requested: if that suffices, the call was made before the
+    timestep was set.
     """
     if force > abs(need):
         return Cause(kind, why, cure=Cure("timestep-first"))
@@ -135,7 +136,7 @@ def to_spare(need: float) -> str:
 def _held(
     seen: Seen, driven: JointTelemetry, held: PoseSupport, row: int, k: int, away: float
 ) -> Cause | None:
-    """Return the contact or constraint that takes most of a motor's force."""
+    """Return the cause for a contact or constraint that opposes most of a motor's force."""
     torque, unit = abs(float(driven.torque[row, k])), units_of(driven, k)[1]
     most = max(held.contacts, key=lambda one: away * held.contacts[one][k], default=None)
     share = MOST if abs(held.constraints[k]) < CLOSE * torque else MOST / 2  # a gear has the rest

@@ -22,7 +22,7 @@ class SentAnswer:
     link: int
     point_m: tuple[float, ...]
     place: int
-    """Index of the point among those that are requested in turn."""
+    """Index of the requested point among the body's points that the script requests in turn."""
     times: int
     """Number of earlier solutions for this point."""
 

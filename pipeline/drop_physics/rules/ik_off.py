@@ -46,7 +46,7 @@ def ik_off(bodies: BodyColumns, inputs: Inputs) -> Match | None:
 
 
 def _off(driven: JointTelemetry, sent: SentAnswer, end: int) -> dict[str, object] | None:
-    """Return how far end effector and solution are from the requested point; None if unclear."""
+    """Return distances of end effector and solution from the requested point; None if unclear."""
     steps, tree = driven.steps, driven.steps.law.tree
     row = int(np.searchsorted(steps.steps, end, side="right")) - 1
     if row < 0 or steps.steps[row] <= sent.call.at.step or not 0 <= sent.link < tree.links:
@@ -140,10 +140,10 @@ ik_off.rows(
 def _reach(
     tree: Tree, state: States, hand: int, lower: Float64, upper: Float64
 ) -> tuple[Float64, float]:
-    """Return where an arm's first joint is, and how far its end effector can reach from there.
+    """Return the position of an arm's first joint [m], and the largest reach from there [m].
 
-    The reach is the sum of the distances from joint to joint, which only sliding joints change:
-    those get no farther than their limits.
+    The reach is the sum of the distances between consecutive joints. Only sliding joints change
+    these distances, up to their limits.
     """
     kin, branch = kinematics(tree, state), sorted(tree.branch(hand))
     moving = next(link for link in branch if tree.rates[link].stop > tree.rates[link].start)

@@ -21,7 +21,7 @@ from drop_physics.trace.history import Seen
 
 @input_rule("not-taken", "model", "inactive", engines=MUJOCOS)
 def never_active(inputs: Inputs, seen: Seen, records: Mapping[int, Record]) -> Iterator[Case]:
-    """An equality that is never active holds nothing, and its bodies part."""
+    """An equality that is never active exerts no force, and its bodies move apart."""
     forces = inputs.lasting.forces
     switched = {client for client, act, _ in forces if act is Act.SET_ACTIVE}
     for equality in seen.equalities:

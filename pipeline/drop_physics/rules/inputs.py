@@ -110,10 +110,10 @@ class FileInertia:
     """The inertia that a body's file states, beside the one that the engine used."""
 
     added: Float64
-    """The file's minus the used inertia, the diagonal of M [kg m²], shape (size,); 0 where they are
-    equal, or the file's is unknown."""
+    """The diagonal of the mass matrix M by the file's inertia minus that by the inertia used [kg
+    m²], shape (size,); 0 if both are equal, or the file's is unknown."""
     used: Float64
-    """The inertia that the engine used, shape (size,)."""
+    """The diagonal of M by the inertia that the engine used [kg m²], shape (size,)."""
     changed: Call | None
     """The call that set a mass, which made the engine recompute the inertia."""
 
@@ -130,17 +130,18 @@ class BodyLife:
     last: int = 0
     count: int = 0
     fastest: float = 0.0
-    """The highest rate of any of the body's joints."""
+    """The highest rate of any of the body's joints [rad/s] or [m/s]."""
     pushed_m_s: Float64 | None = None
-    """The velocity change of a free base by the first force from a call, shape (3,)."""
+    """The velocity change of a free base by the first force from a call [m/s], shape (3,)."""
     opposed: float = 0.0
-    """The share of that change that everything except gravity cancelled in the same step."""
+    """The share of that velocity change that forces other than gravity cancelled in the same
+    step."""
     falls: bool = False
     """Whether gravity acted."""
     held: bool = False
     """Whether a constraint acted on the body."""
     tilt_rad: float = 0.0
-    """The final tilt angle of the base."""
+    """The final tilt angle of the base [rad]."""
     of_file: FileInertia | None = None
     """The inertia from its file, computed when a rule first needs it."""
 
@@ -172,7 +173,7 @@ class Drive:
     call: Call
     targets_m: list[tuple[float, ...]] = field(default_factory=list)
     places_m: list[Float64] = field(default_factory=list)
-    """Positions of the body at the time of these calls."""
+    """Positions of the body at the time of these calls [m], shape (3,) each."""
 
 
 @dataclass
@@ -199,7 +200,7 @@ class Inputs:
     """The largest displacement of a link in one step while a script reads it [m], by reading, body
     and link."""
     torque_alone: set[tuple[int, int]] = field(default_factory=set)
-    """Bodies and joints driven by TORQUE_CONTROL alone, whose motors exerted nothing."""
+    """Bodies and joints driven by TORQUE_CONTROL alone, whose motors exerted no torque."""
     touched: dict[tuple[int, int], int] = field(default_factory=dict)
     """Number of steps in which two bodies pressed on each other, by pair, the lower id first."""
     passes: dict[frozenset[Place], Call] = field(default_factory=dict)
@@ -207,7 +208,7 @@ class Inputs:
     joined: set[frozenset[int]] = field(default_factory=set)
     """Bodies attached by a constraint."""
     filtered: set[int] = field(default_factory=set)
-    """Clients in which calls set collision groups, or re-enable collisions between bodies."""
+    """Simulations in which calls set collision groups, or re-enable collisions between bodies."""
     deepest: defaultdict[int, dict[int, tuple[float, int]]] = field(
         default_factory=lambda: defaultdict(dict)
     )
@@ -288,7 +289,7 @@ class Inputs:
     def _override(self, calls: Log) -> None:
         """Note the motors that get two different commands before the same step.
 
-        One line with different targets counts, too.
+        Different targets from one script line count, too.
         """
         told = [
             np.column_stack(
@@ -418,8 +419,7 @@ class Inputs:
     def left_out(self, act: Act) -> tuple[list[Use], list[int]]:
         """Return uses of a setter for client 0 only, and the simulations that lack it.
 
-        None is left out where a call names a client, or where it is called less often than there
-        are clients.
+        Both are empty if any call names a client, or if there are fewer calls than simulations.
         """
         uses = [*self.of(act)]
         mine = [use for use in uses if use.first.client == 0]

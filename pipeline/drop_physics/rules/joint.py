@@ -62,7 +62,7 @@ def units(joint: Joint) -> tuple[str, str]:
 
 
 def holds_off(seen: Seen, held: PoseSupport, joint_rate: int, away: float) -> bool:
-    """Return whether a body that the joint pushes or grips, not one it carries, blocks the motor.
+    """Return whether a body that the joint pushes or grips, rather than carries, blocks the motor.
 
     `away` is the sign of the direction in which the motor is blocked.
     """

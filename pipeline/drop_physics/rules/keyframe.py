@@ -1,4 +1,4 @@
-"""Rules about MuJoCo keyframes of which a script uses the pose but not the controls."""
+"""Rules about MuJoCo keyframes whose pose, but not whose controls, a script uses."""
 
 from __future__ import annotations
 

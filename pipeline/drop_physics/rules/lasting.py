@@ -1,6 +1,6 @@
 """Collects a MuJoCo script's writes that stay in effect: forces, masses, states.
 
-It grows chunk by chunk, as part of `inputs`.
+The collection is filled chunk by chunk, as part of `inputs`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class LastingForce:
     now: Float64
     """The current value, shape (width,)."""
     since: int
-    """The number of steps before the value was set."""
+    """The number of steps made before the value was set."""
     most: Float64
     """The largest value that stayed in effect after it was written between steps."""
     writes: int = 0
@@ -50,7 +50,7 @@ class LastingForce:
     """Whether the value was set before the first step of a run or an episode."""
 
     def until(self, step: int) -> int:
-        """Return in how many steps the force has acted before the given step."""
+        """Return the number of steps in which the force has acted before the given step."""
         return self.acts + (step - self.since if self.now.any() else 0)
 
     def become(self, now: Float64, step: int) -> None:
@@ -76,7 +76,7 @@ class PositionWrites:
     steps: set[int] = field(default_factory=set)
     """The number of steps before each write."""
     is_computed: bool = False
-    """Whether a write was followed by a function that recomputes what depends on positions."""
+    """Whether the script called a function that recomputes derived data after a write."""
 
 
 @dataclass

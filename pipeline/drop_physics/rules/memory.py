@@ -33,7 +33,7 @@ def bodies_of(seen: Seen, client: int) -> list[Body]:
 
 
 def body_at(seen: Seen, client: int, index: int) -> Body | None:
-    """Return the recorded body that contains a MuJoCo body, by the engine's index."""
+    """Return the recorded body that contains a MuJoCo body, given the latter's index."""
     before = [body for body in bodies_of(seen, client) if body.engine_id <= index]
     return max(before, key=lambda each: each.engine_id, default=None)
 

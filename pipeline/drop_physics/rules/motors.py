@@ -88,9 +88,10 @@ target_clamped.rows(
 
 @joint_rule("motor-gain", "asked", least_count=CROSSINGS, proposes=True)
 def motor_gain(joints: JointColumns) -> Match:
-    """A joint overshoots its target, or reverses, again and again, because of its gains.
+    """A joint overshoots its target or reverses repeatedly because of its motor's gains.
 
-    Off its limit a motor leaves gaps e with e' = (2 - kp - kd) e - (1 - kd) e_before.
+    A motor within its force limit leaves a gap e after each step that follows e_next = (2 - kp -
+    kd) e - (1 - kd) e_before.
     """
     kp, kd, at_place = joints.asked.kp, joints.asked.kd, joints.position_motor
     before, after = joints.before - joints.target, joints.after - joints.target
@@ -136,7 +137,7 @@ motor_gain.rows(
 
 @joint_rule("timestep-after-motor", "asked")
 def timestep_after_motor(joints: JointColumns) -> Match:
-    """PyBullet stores force × timestep of the call; a later timestep alters a motor's force."""
+    """PyBullet stores a call's force × timestep; a later timestep alters the motor's force."""
     force, limit = joints.asked.force, joints.limit / joints.steps.substeps
     share = np.round(np.abs(limit - force) / force, 9)
     given = np.abs(joints.torque) / joints.steps.substeps
@@ -160,7 +161,7 @@ timestep_after_motor.rows(
 
 @joint_rule("substeps-scale-motors", "asked")
 def substeps_scale_motors(joints: JointColumns) -> Match:
-    """A motor gives up to force × timestep in each substep of `numSubSteps`."""
+    """A motor exerts an impulse of up to force × timestep in each substep of `numSubSteps`."""
     substeps, given = joints.steps.substeps, np.abs(joints.torque)
     force = joints.limit / substeps
     share = given / force - 1
@@ -191,7 +192,7 @@ FORCE = np.array([[[False, True]]])
 
 @joint_rule("beyond-urdf", "note", least_count=COASTS_STEPS, proposes=True)
 def beyond_urdf(joints: JointColumns) -> Match:
-    """`getJointInfo` reports the effort and velocity limits of a file, but motors ignore them."""
+    """`getJointInfo` reports the effort and velocity limits of a file, which motors ignore."""
     told = (joints.mode != DEFAULT) | (joints.asked.pd == 1)
     limits = [
         joints.of_joints(lambda each: each.velocity * (each.widths[1] == 1)),

@@ -18,7 +18,7 @@ from drop_physics.trace.history import Seen
 
 @row_rule("no-contact", "model", engines=ANY, proof="call")
 def no_contact(row: AccountRow) -> bool:
-    """Shapes that did not overlap at first get into each other, and no contact is possible."""
+    """Shapes between which no contact is possible come to overlap during the run."""
     return "shapes" in row.noted
 
 

@@ -87,7 +87,7 @@ def _wrong(numbers: Float64) -> Flags:
 
 
 def _without_number(calls: Log, body: Body, step: int) -> Call | None:
-    """Return the last call for a body with a number that makes the state nan or infinite."""
+    """Return a body's last call with an argument that makes the state nan or infinite."""
     for each in reversed(list[Call](calls)):
         numbers = (each.values[name][0] for name in BODY_NAMES if name in each.values)
         mine = next(numbers, body.engine_id) == body.engine_id

@@ -277,7 +277,7 @@ def _other(inputs: Inputs, steps: BodySteps) -> FileInertia:
 def _of_file(body: Body, tree: Tree, inertias: Container[int], masses: Container[int]) -> Float64:
     """Return the file's principal moments of inertia, shape (links + 1, 3); nan if unknown.
 
-    They are about the axes of the file's inertia, which the engine takes, too.
+    The moments are about the principal axes of the file's inertia, which the engine uses, too.
     """
     moments_kg_m2 = tree.inertias_kg_m2.copy()
     for link, told in told_links(body, tree).items():
@@ -297,7 +297,7 @@ def _of_file(body: Body, tree: Tree, inertias: Container[int], masses: Container
 
 
 def _written(body: Body, told: FileLink) -> Float64 | None:
-    """Return the inertia matrix stated in a file, shape (3, 3); None if incomplete."""
+    """Return the inertia matrix in a file [kg m²], shape (3, 3); None if incomplete."""
     if not told.mass_kg > 0 or len(told.inertia_kg_m2) != 6:
         return None
     xx, xy, xz, yy, yz, zz = told.inertia_kg_m2

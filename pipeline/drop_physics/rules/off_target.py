@@ -118,7 +118,7 @@ rests_off.rows(MISSED)
 def _replaced(targets: TargetColumns) -> Flags:
     """Flag the targets that ended while their joint was still moving.
 
-    Without targets left from before, and those that press joints onto something.
+    Targets set in earlier steps are left out, and targets that press a joint against a body.
     """
     return np.asarray(
         ~targets.stood.left & ~targets.stood.resting & ~targets.pressed & (targets.stood.row >= 0)
@@ -137,7 +137,7 @@ def _followed(targets: TargetColumns, which: Flags) -> Match | None:
 
 
 def _lawful(targets: TargetColumns) -> Flags:
-    """Flag the gaps that agree with the motor's control law."""
+    """Flag the gaps that agree with the motor's control law, shape (m,)."""
     off = np.abs(targets.stood.gap - targets.stood.lawful)
     return np.asarray(off <= np.maximum(LAWFUL_GAP * targets.off, targets.least * LAWFUL_GAP))
 
@@ -231,7 +231,7 @@ falls_behind.rows(MISSED)
 def _takes_more(
     telemetry: DrivenJoints, keys: list[int], weak: Message, limit: float, effort: str, force: float
 ) -> Cause | None:
-    """Return the torque that a motion to a target takes, if it exceeds the motor's limit."""
+    """Return the cause for a motion that requires more torque than the motor's limit; else None."""
     efforts = telemetry.efforts[keys[0]]
     takes = efforts.on_the_way[keys[1]]
     if not takes > limit:
@@ -339,8 +339,8 @@ still_moves.rows(MISSED)
 def too_slow(joints: JointColumns, telemetry: DrivenJoints, seen: Seen) -> Match:
     """A velocity motor is at its limit for most of the time of its target.
 
-    A joint that grips something, or presses its stop, is meant to stand still; and a target beyond
-    every rate stands for a constant force.
+    A joint that grips a body, or presses against its stop, is meant to stand still; a target far
+    beyond any possible rate is a way to command a constant force.
     """
     goal = joints.target_velocity
     told = (joints.mode == VELOCITY) & (joints.asked.impulse > 0) & (goal != 0)

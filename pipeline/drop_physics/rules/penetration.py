@@ -43,7 +43,7 @@ SLOP, ITERATIONS = "contactSlop", "numSolverIterations"
 
 @pair_rule("deep-penetration", "model", consecutive=True)
 def deep_penetration(pair: PairColumns, placing: Placing, chunk: StepChunk) -> Match:
-    """Bodies overlap by a good part of the thinner one, though not placed so."""
+    """Bodies overlap by a large share of the thinner one's thickness, though not placed so."""
     rows = np.flatnonzero((pair.pairs.depth_m > DEEP_M) & (pair.body != pair.other))
     points, placing = pair.points, placing
     steps, bodies, depth_m = pair.step[rows], pair.pairs.body[rows], pair.pairs.depth_m[rows]
@@ -211,9 +211,9 @@ deep_penetration.rows(
 
 
 def _presses(pair: PairColumns, rows: NDArray[np.intp], chunk: StepChunk) -> dict[str, Float64]:
-    """Return whether motors and constraints press a body against its contacts.
+    """Flag the rows in which motors or constraints press a body against its contacts.
 
-    `pulled` says whether constraints do where no motor presses the same body.
+    `pulled` flags the rows in which only constraints, but no motor, press the body.
     """
     found = {name: np.zeros(len(rows)) for name in ("constraints", "motors", "pulled")}
     for side in (0, 1):

@@ -16,7 +16,8 @@ from drop_physics.trace.history import Piece, Seen
 PLACES = Act.LOAD, Act.MAKE, Act.SET_POSE, Act.SET_JOINT, Act.RESTORE
 """Kinds of calls that place bodies."""
 NEAR = 3
-"""A body that calls move more often than once in this many steps counts as animated."""
+"""Number of placements above which a body counts as animated, and number of steps within which two
+placements are neighbours."""
 
 
 class Placing:
@@ -88,7 +89,7 @@ class Placing:
         return np.isin(body * STEPS + steps, [*self._restored])
 
     def came(self, bodies: Int64 | int, steps: Int64 | int) -> Flags:
-        """Flag the bodies that were loaded before a step."""
+        """Flag the bodies that were loaded immediately before a step."""
         return np.isin(bodies * STEPS + steps, self._came)
 
     def site(self, body: Body, step: int) -> str | None:

@@ -107,7 +107,7 @@ def _size(use: Use) -> float:
 
 
 def _came_to_nothing(inputs: Inputs, number: int) -> bool:
-    """Return whether other forces cancelled a body's first push at once."""
+    """Return whether other forces cancelled a body's first push in the same step."""
     pushed = (life for (one, _), life in inputs.lives.items() if one == number)
     return any(life.opposed > 1 - NEGLIGIBLE for life in pushed)
 
@@ -139,7 +139,7 @@ def force_off_centre(bodies: BodyColumns) -> Match | None:
     count, reach_m = len(keys), reach_m[first]
 
     def arms_m(moments: Float64) -> Float64:
-        """Return the lever arm of forces on a link: moment over sum of magnitudes."""
+        """Return the lever arm of forces on a link [m]: moment over sum of magnitudes."""
         sums = summed(each, np.column_stack([moments, strength]), count=count)
         return lengths(sums[:, :3]) / sums[:, 3]
 

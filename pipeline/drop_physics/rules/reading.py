@@ -28,7 +28,7 @@ def _read(seen: Seen, act: Act) -> Iterator[tuple[Reading, Body, int]]:
 
 @input_rule("reading", "note", "reading-stale")
 def stale(inputs: Inputs, seen: Seen) -> Iterator[Case]:
-    """The pose of a link is that of one step earlier, unless it is computed again."""
+    """The pose read for a link is one step old, unless the script has it recomputed."""
     ways: dict[int, tuple[float, Reading, Body, int]] = {}
     for each, body, link in _read(seen, Act.READ_LINK):
         way_m = inputs.link_way_m.get((each.number, body.number, link), 0.0)
@@ -62,7 +62,7 @@ stale.rows(
 
 @input_rule("reading", "note", "reading-static")
 def static(inputs: Inputs, seen: Seen) -> Iterator[Case]:
-    """The velocity of a base that only calls move is the one set by a call, or 0."""
+    """The velocity read for a base that only calls move is the one set by a call, or 0."""
     posed = {u.body.number: u for u in inputs.of(Act.SET_POSE) if u.body is not None}
     given = {u.body.number for u in inputs.of(Act.SET_VELOCITY) if u.body is not None}
     for each, body, _ in _read(seen, Act.READ_VELOCITY):
@@ -89,7 +89,8 @@ static.rows(
 def torque(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """`getJointState` returns the torque of the motor, and not that of TORQUE_CONTROL.
 
-    A torque that changes may follow from the positions that are read, and only these be used.
+    Bodies with changing torques are left out: the script may use only the positions from the same
+    reading.
     """
     varied = {
         use.body.number
@@ -122,7 +123,7 @@ torque.rows(
 def depth(seen: Seen) -> Iterator[Case]:
     """The depth buffer of a camera with perspective is not linear in the distance.
 
-    A camera that takes more than one picture may only film.
+    Cameras with more than one image are left out, since they may only serve a video.
     """
     for reading in seen.readings:
         lens = reading.camera

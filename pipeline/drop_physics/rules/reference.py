@@ -24,7 +24,7 @@ LEAST = 25
 
 
 class Blank:
-    """Stands for a value that only a finding has."""
+    """A placeholder for a value that is only known for a finding."""
 
     def __init__(self, shown: str) -> None:
         self._shown = shown
@@ -48,18 +48,18 @@ class CodeReference:
     measured: list[str] = field(default_factory=list)
     """The conditions that the rules check, one sentence per rule."""
     thresholds: list[Limit] = field(default_factory=list)
-    """The thresholds that decide."""
+    """The thresholds that the rules of this code use."""
     says: list[str] = field(default_factory=list)
     """Example sentence of a finding; … stands for a number or a name."""
     advises: list[str] = field(default_factory=list)
     """Advice that fixes the problem."""
     proposes: list[str] = field(default_factory=list)
-    """Advice that is only a proposal, as nothing proves it."""
+    """Advice that is only a proposal, since nothing proves the cause."""
     example: CodeExample | None = None
     """A script that demonstrates the code; null if the documentation has none."""
     cures: tuple[tuple[str, Cure, bool], ...] = field(default=(), metadata={"json": False})
-    """The cures of its rules, nan where a value depends on the run; the engine in whose syntax each
-    call is written, and whether it is only a proposal."""
+    """The cures of this code's rules, each as the engine in whose syntax the call is written, the
+    cure (nan for values that depend on the run), and whether the cure is only a proposal."""
 
 
 def reference_of(name: str) -> CodeReference:
@@ -68,7 +68,7 @@ def reference_of(name: str) -> CodeReference:
     Raises
     ------
     ScenarioError
-        If there is none of that name; the message says which is alike.
+        If no code or reason has that name; the message suggests the most similar one.
     """
     if name not in CODES:
         raise ScenarioError(

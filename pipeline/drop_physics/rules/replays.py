@@ -36,7 +36,7 @@ def _of_steps(bodies: BodyColumns, why: str, chunk: StepChunk) -> Match:
 
 @body_rule("not-replayed", "asked", reason="stale", subject=0, engines=MUJOCOS)
 def stale_step(bodies: BodyColumns, chunk: StepChunk) -> Match:
-    """A step used data computed from an older state, and leads elsewhere than its own would."""
+    """A step used derived data of an older state, which led to a different result."""
     return _of_steps(bodies, "stale", chunk)
 
 
@@ -58,7 +58,7 @@ stale_step.rows(
 
 @body_rule("not-replayed", "note", subject=0, engines=MUJOCOS)
 def not_replayed(bodies: BodyColumns, chunk: StepChunk) -> Match:
-    """Repeated steps lead to other states than the recorded ones."""
+    """Repeated steps lead to states that differ from the recorded ones."""
     return _of_steps(bodies, "not replayed", chunk)
 
 
@@ -77,7 +77,7 @@ not_replayed.rows(
 
 @body_rule("no-gravity", "model", least_count=FALLS_STEPS, engines=MUJOCOS)
 def floats_without_gravity(bodies: BodyColumns, seen: Seen) -> Match | None:
-    """A free body without support does not fall: gravity is zero, or off."""
+    """A free body without support does not fall, since gravity is zero or switched off."""
     body = bodies.batch.bodies[0].body
     if not body.base_moves:
         return None

@@ -30,7 +30,7 @@ from drop_physics.trace.events import Body
 def left_targets(joints: JointColumns, placing: Placing, anew: Collection[int] = ()) -> Match:
     """Return the joints that a call placed although an earlier target is still in effect.
 
-    `anew`: the steps before which targets were set back, too.
+    `anew` has the steps before which calls reset targets, too.
     """
     steps, before, told = joints.steps, joints.before, joints.asked.told
     step = np.broadcast_to(joints.step[:, None], before.shape).astype(np.float64)
@@ -129,7 +129,7 @@ for _rule in (reset_leaves, state_leaves_control):
 
 @body_rule("teleported", "note")
 def teleported(bodies: BodyColumns, placing: Placing) -> Match | None:
-    """A call moves a body elsewhere while it moves, without restoring a state."""
+    """A call changes the position of a moving body without restoring a saved state."""
     if bodies.law.tree.fixed:
         return None
     way = lengths(bodies.before.position_m - bodies.came(lambda states: states.position_m))

@@ -44,7 +44,7 @@ def restore_differs(inputs: Inputs, seen: Seen) -> Iterator[Case]:
 
 
 def _alike(first: AfterRestore, second: AfterRestore) -> int:
-    """Return for how many steps two episodes have the same calls."""
+    """Return the number of steps up to which two episodes have the same calls."""
     asked = first.calls.items() ^ second.calls.items()
     lengths = (each.end - each.begin.at.step for each in (first, second))
     return min(*lengths, *(since for since, _ in asked), 1 << 40)
@@ -137,7 +137,8 @@ def _other_order(inputs: Inputs, first: AfterRestore, second: AfterRestore, seen
 
 
 Apart = tuple[int, int, float, str]
-"""Steps after which a body first differs, and differs most; the difference then, and its unit."""
+"""Step after which a body first differs, step of the largest difference, that difference, and its
+unit."""
 
 
 def _apart(seen: Seen, begins: tuple[int, int], until: int, client: int) -> dict[Key, Apart]:

@@ -9,14 +9,14 @@
         )
     )
 
-Of several rows the first that holds is said. Texts and remedies name numbers that the rule notes of
-the worst (`Worst`), in its table or in a function of its own:
+A rule reports its first row whose condition holds. Texts and remedies refer by name to numbers of
+the worst match (`Worst`): columns of the rule's table, or results of a function of the rule:
 
     @weak.notes
     def _(force: float, limit: float) -> dict[str, object]: ...
 
-`{limit:N}` says of what kind a number is (`quantities.KINDS`), and `{call}` is
-what the engine's user would write for the cure.
+`{limit:N}` gives the kind of a number (`quantities.KINDS`), and `{call}` is the call or statement
+that a user of the engine would write for the cure.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
 
 Noted = dict[str, object]
-"""Further numbers and texts about the worst case, by name."""
+"""Further numbers and texts about a rule's worst match, by name."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Said:
-    """The message that a rule gives about its worst case.
+    """The message of a rule about its worst match.
 
-    The names in a text without values are taken from `values`, or from the `Worst`; `{call}` is the
-    cure as the engine's user would write it.
+    Placeholders in a text are filled from `values`, or from the `Worst`; `{call}` is the cure as a
+    user of the engine would write it.
     """
 
     message: Message
@@ -89,19 +89,19 @@ class Said:
 class Case:
     """A match of a rule: the body or joint it is about, with named numbers and texts.
 
-    A rule of calls yields each with the `values` that its rows name.
+    A rule about calls yields cases, with the `values` that its rows name.
     """
 
     subject: Body | None = None
     values: dict[str, Any] = field(default_factory=dict)
     span: Span | None = None
-    """The steps in which it holds."""
+    """The steps in which the rule holds."""
     call: Call | None = None
-    """The call that is the cause."""
+    """The call that caused the problem."""
     site: str | None = None
-    """File and line of the cause, if that is no call."""
+    """File and line of the cause, if the cause is not a call."""
     scene: Scene = field(init=False, repr=False)
-    """The tables that the rule's functions may name, too."""
+    """The scene, whose tables the rule's functions may also name as parameters."""
 
     def __post_init__(self) -> None:
         about = {"body": None if self.subject is None else self.subject.label, "size": 0.0}
@@ -135,11 +135,12 @@ class Case:
 class Worst(Case):
     """The worst match for one body or joint, with named numbers.
 
-    `size`, `count`, `first` and `last` step, and what the rule noted; `among`, how many of its kind
-    the subject has that are not ten times smaller; labels of the `body` and of
-    the `other`, and both as they are, `subject` and `partner`; of joints `joint`, `link`, `unit`,
-    `effort`, and how many `joints` of the body it holds for; of actuators `actuator`, its `name`
-    and its `joint`.
+    The names are `size`, `count`, `first` and `last` (steps), and the names that the rule noted;
+    `among`, the number of the subject's matches that are at least a tenth as large; `body` and
+    `other`, the labels of both bodies, and `subject` and `partner`, the bodies themselves. Rules on
+    joints also have `joint`, `link`, `unit`, `effort`, and `joints`, the number of the body's
+    joints for which the rule holds; rules on actuators have `actuator`, with its `name` and
+    `joint`.
     """
 
     subject: Body
@@ -157,7 +158,7 @@ class Worst(Case):
         return found
 
     def held(self) -> Span:
-        """Return the steps that the finding covers; for a target, those it was in effect."""
+        """Return the steps that the finding covers; for a target, the steps with it in effect."""
         if (stood := self.values.get("stood")) is not None:
             return Span(stood[0], stood[1], stood[1] - stood[0] + 1)
         first, last = self.values.get("within", (-self["first"], self["last"]))
@@ -204,7 +205,7 @@ class Remedy:
         return Cure(self.name, None, value, form=self.form, given=dict.fromkeys(given, math.nan))
 
     def of(self, case: Case) -> Cure | None:
-        """Return the suggested change for a case; None if its number is nan: no value will do."""
+        """Return the suggested change for a case; None if its value is nan: no value would help."""
 
         def number(named: float | str) -> Any:  # noqa: ANN401 - as the rule noted it
             return case[named] if isinstance(named, str) else named
@@ -228,15 +229,15 @@ class Remedy:
 class SayingRow:
     """One possible message of a rule: condition, text, suggested change, and level.
 
-    Sentence, advice, cure, reason, level, and whether it is only to be tried, are what the rule
-    notes under these names, where a row leaves them out or does not know its cure's number.
+    If a row leaves out sentence, advice, cure, reason, level, or whether its advice is only a
+    proposal, or its cure's value is nan, the rule's noted values of the same names are used.
     """
 
     when: Callable[..., object] | None = None
     """The condition, a function of the values that its parameters name; None for always."""
     says: Message | None = None
     why: Message | None = None
-    """The part of the sentence in which rows differ."""
+    """The part of the sentence in which a rule's rows differ."""
     advice: Message | None = None
     """The advice, if the cure's call alone does not suffice."""
     cure: Remedy | None = None
@@ -255,7 +256,7 @@ class SayingRow:
     level: Level | None = None
     code: str | None = None
     engines: tuple[str, ...] | None = None
-    """The engines whose words the row has, if those of the rule are more."""
+    """The engines to which the row applies, if these are fewer than the rule's."""
     site: str | Act | None = None
     """The name of the file and line, if the rule does not name an argument or call; or the kind of
     call, if only one line makes such calls."""
@@ -301,7 +302,7 @@ class SayingRow:
 def filled(text: str, values: Mapping[str, object], about: Case | Said) -> str:
     """Fill in a text's placeholders with values, or with values of the case.
 
-    Numbers are written by their kinds, and texts among them filled likewise.
+    Numbers are formatted by their kind; texts among the values are filled in the same way.
     """
     if not isinstance(text, Message) or text.values:
         return text

@@ -8,11 +8,11 @@
     @target_clamped.counts
     def _(size: Float64, count: Int64) -> Float64: ...         # sizes of columns, 0 if not told
 
-Chunks, runs of consecutive steps, the worst row, how often, in which steps, which joints of which
-body and which line of the script belong to the mechanism here. Tables are of joints, of actuators,
-of pairs of bodies that touch, and of bodies (`tables`). A rule on the account
-returns whether it is about a row. A rule of what calls set yields its cases, once, at the end, and
-has rows likewise:
+This module handles chunks and runs of consecutive steps, finds the worst row, and determines the
+count and steps, joints, bodies and script lines that a finding states. There are tables of joints,
+actuators, pairs of touching bodies, and bodies (`tables`). A rule on the account returns whether it
+applies to an account row. A rule on calls yields its cases once, at the end of the run, and has
+rows in the same way:
 
     @input_rule("not-taken", "asked", "other-client")
     def other_client(inputs: Inputs) -> Iterator[Case]: ...
@@ -53,13 +53,13 @@ Numbers = Mapping[str, Any]
 class Match:
     """Where in a table a rule holds, and how grave each row is; arrays have the table's shape.
 
-    They may also have that of `where`, if that is the numbers of rows. What is one number, or the
-    same in a plane, is that of all rows.
+    If `where` has row indices, arrays may have its shape instead. A single number applies to all
+    rows, and a two-dimensional array to all planes of a three-dimensional table.
     """
 
     where: NDArray[Any]
     size: Float64
-    """The sizes of the problem, by which the worst row is chosen."""
+    """The magnitudes of the problem, by which the worst row is chosen."""
     numbers: Numbers = field(default_factory=dict)
     sums: Numbers = field(default_factory=dict)
     """Numbers to sum over the rows; `until_` plus the name is the sum up to the largest row."""
@@ -189,11 +189,11 @@ class Rule:
     least_count: float = 1
     """Minimum number of steps in which the rule must hold."""
     consecutive: bool = False
-    """Whether runs of consecutive steps are kept apart, and the worst run of each key is
+    """Whether runs of consecutive steps are kept separate, of which the worst of each key is
     reported."""
     subject: int | None = None
-    """Number of key columns that identify a subject, of each of which the worst is reported; None
-    for all columns. With 0 there is one finding for the run, about no body."""
+    """Number of key columns that identify a subject; the worst match of each subject is reported.
+    None for all columns; with 0 there is one finding for the whole run, about no body."""
     commanded: bool = True
     """Whether a finding about a joint cites the command in effect as its cause."""
     argument: str | None = None
@@ -201,7 +201,7 @@ class Rule:
     engines: tuple[str, ...] = BULLETS
     """The engines to which the rule applies: only their recordings are examined."""
     proof: Proof = "sum"
-    """What proves the findings: the sum, or what calls and files request."""
+    """The proof of the findings: the sum, or the requests of calls and files."""
     proposes: bool = False
     """Whether the rule's advice is only a proposal: its message states an observation,
     not a cause."""
@@ -209,7 +209,7 @@ class Rule:
     told: Sequence[SayingRow] = ()
     """The rows, of which the first whose condition holds is reported."""
     noting: Notes = nothing
-    """Returns further numbers of the worst case, by name."""
+    """Function that returns further numbers of the worst match, by name."""
 
     @property
     def meaning(self) -> str:
@@ -219,7 +219,7 @@ class Rule:
     def rows(self, *rows: SayingRow, like: SayingRow | None = None) -> None:
         """Set the rule's messages, of which the first whose condition holds is reported.
 
-        What rows leave out is taken from `like`.
+        Missing fields of the rows are taken from `like`.
         """
         self.told = [each if like is None else each.like(like) for each in rows]
 
@@ -284,7 +284,7 @@ class Rule:
 PARTS = "joints", "targets", "actuators"
 """Tables whose columns are parts of a body: only the worst part of each body is reported."""
 RULES: list[Rule] = []
-"""All rules on tables, in the order in which their modules are imported."""
+"""All rules, in the order in which their modules are imported."""
 
 
 Matching = Callable[..., Any]
@@ -307,7 +307,7 @@ def _maker(
 
 
 input_rule = partial(_maker, "inputs", proof="call")
-"""Decorator for a rule on all inputs: the function yields findings."""
+"""Decorator for a rule on a run's calls, whose function yields cases."""
 joint_rule = partial(_maker, "joints")
 """Decorator for a rule on joints, whose function returns a match: the worst joint of each robot is
 reported."""
@@ -331,7 +331,7 @@ other."""
 class Rules:
     """Applies all rules that suit a recording's engine, chunk by chunk, to their tables.
 
-    They see the chunks once, in order, and then speak.
+    `see` must be called once per chunk, in order, before `findings`.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -408,7 +408,7 @@ class Rules:
         return numbers
 
     def _episodes(self, place: int, keys: Int64) -> int:
-        """Return in how many episodes a rule holds for a body or joint."""
+        """Return the number of episodes in which a rule holds for a body or joint."""
         known = {*map(tuple, keys.tolist())}
         return len({row[-1] for row in self._in.get(place, ()) if row[:-1] in known}) or 1
 
@@ -420,7 +420,7 @@ class Rules:
         return replace(sized, sizes=np.where(runs["count"] < rule.least_count, 0.0, sized.sizes))
 
     def findings(self, account: Sequence[AccountRow] = ()) -> Iterator[Finding]:
-        """Yield the findings of all rules: of a robot's joints the worst, of others each.
+        """Yield the findings of all rules; of a robot's joints, only the worst is reported.
 
         `account` has the rows of the account.
         """
@@ -456,7 +456,7 @@ class Rules:
                     yield finding
 
     def _of(self, rule: Rule, account: Sequence[AccountRow]) -> Iterator[Case]:
-        """Yield the rows of the account in which a rule holds: for a body's joints the worst."""
+        """Yield the account's rows for which a rule holds; of a body's joints, only the worst."""
         found: dict[Hashable, list[tuple[float, Case]]] = {}
         for place, row in enumerate(account):
             if rule.matches(row):

@@ -21,10 +21,10 @@ class Runs:
     Parameters
     ----------
     keys
-        What each is about: numbers of bodies, of joints …, shape (n, k).
+        Subject of each row: ids of bodies, indices of joints …, shape (n, k).
     columns
-        By name, what is kept of it and its values, shape (n, …). Each has the `first` and the
-        `last` step, the `count` of steps, and the largest `size` in these.
+        Columns by name: the kind of merging, and the values, shape (n, …). There are always the
+        `first` and the `last` step, the `count` of steps, and the largest `size`.
     """
 
     def __init__(self, keys: Int64, columns: Mapping[str, tuple[Kind, NDArray[Any]]]) -> None:
@@ -95,7 +95,7 @@ class Runs:
     def greatest(self, ranks: Float64) -> Runs:
         """Return the highest-ranked row of each key; `ranks` has the shape (n, k).
 
-        Where that is equal the next does.
+        Columns of `ranks` are compared in order, and then the number of steps.
         """
         them = self.at(np.lexsort((-self["count"], *-ranks.T[::-1], *self.keys.T[::-1])))
         return them.at(np.append(True, them.ends[:-1]))

@@ -43,13 +43,14 @@ def failure(
     Parameters
     ----------
     origin
-        The script, and how it ended.
+        Properties of the script, and of the end of its run.
     raised
-        The last call that raised something, which the script may have handled.
+        The last call that raised an exception, which the script may have handled.
     calls
-        Those around it.
+        The calls around that one.
     printed
-        The beginning of its error, where its reader has that already: it is left out.
+        The beginning of the error message, if that is already displayed elsewhere; it is then left
+        out.
     """
     error = origin.get("error")
     if origin.get("ended") != "failed" or not error:

@@ -1,7 +1,8 @@
 """The rule `off-target` for position servos: the force that is missing at rest.
 
 A position actuator of gain kp gives kp (ctrl - gear q), times its gear, and has no integral part.
-At rest the forces on its joint sum to zero, so the gap follows from the torque that the pose takes.
+At rest the forces on its joint sum to zero, so the gap follows from the torque that the pose
+requires.
 """
 
 from __future__ import annotations
@@ -39,9 +40,10 @@ from drop_physics.trace.events import Actuator, Body
 from drop_physics.trace.history import Seen
 
 CLAMPED, RUBS, DAMPS = "joint force range", "friction loss", "joint damping"
-"""The terms by which a joint's own force range, its dry friction and its damping act."""
+"""The terms for a joint's own force range, its dry friction, and its damping."""
 HELD, MOST = ("contact", "constraint"), 0.5
-"""What may hold a joint on purpose; MOST: share of its force that is most of it."""
+"""HELD: causes that may hold a joint on purpose; MOST: share of the drive's force above which a
+cause accounts for most of that force."""
 
 
 @row_rule("off-target", "asked", engines=MUJOCOS)
@@ -121,7 +123,7 @@ def _(
 
 
 def _holds(body: Body, balance: JointBalance, unit: str) -> str | None:
-    """Return what holds a joint off its target; None if it is not sure."""
+    """Return the kind of cause that holds a joint off its target; None if uncertain."""
     servo, own = _servo(body, balance), balance.force(DRIVE)
     if servo is None or not balance.forces or not abs(balance.gap) > AT_TARGET[unit]:
         return None
@@ -154,7 +156,7 @@ def _holds(body: Body, balance: JointBalance, unit: str) -> str | None:
 
 
 def _held(balance: JointBalance) -> str | None:
-    """Return what takes most of the drive of a joint at rest: a tendon, contacts, constraints."""
+    """Return the cause that opposes most of a resting joint's drive: a tendon, contact …."""
     most = -MOST * balance.force(DRIVE)
     if not balance.rests:
         return None

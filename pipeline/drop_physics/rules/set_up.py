@@ -27,12 +27,12 @@ from drop_physics.trace.history import Seen
 WAITS = Act.COMMAND, Act.CONSTRAIN, *PUSHES
 """Functions that take effect only in a step."""
 HOLDS = Act.SET_GRAVITY, Act.CONSTRAIN, *PUSHES
-"""Kinds of calls after which no body is in free fall by mistake."""
+"""Kinds of calls that show that bodies without support do not need gravity."""
 
 
 @input_rule("not-stepped", "asked")
 def not_stepped(inputs: Inputs, seen: Seen, origin: Mapping[str, Any]) -> Iterator[Case]:
-    """A simulation waits for a step and has none: time passes only in steps."""
+    """A script commands a simulation but makes no step, without which no time passes."""
     seen, ended = seen, origin.get("ended")
     stepped = any(samples > 1 for samples in seen.samples.values())
     uses = [*inputs.of(*WAITS)], [*inputs.of(Act.SET_GRAVITY)]
@@ -283,7 +283,7 @@ real_time.rows(
 
 @input_rule("unseeded", "repeat", engines=ANY)
 def unseeded(seen: Seen) -> Iterator[Case]:
-    """Another run draws other random numbers."""
+    """Another run draws different random numbers, since the script sets no seed."""
     places = seen.unseeded
     for place in places[:1]:
         where: str = place
@@ -310,7 +310,7 @@ def massless(
     times: Mapping[int, StepTimes],
     touches: TouchTable,
 ) -> Iterator[Case]:
-    """A body without mass is pushed in vain, or hangs in the air."""
+    """A body without mass hangs in the air, or does not move when pushed."""
     pushed = {use.body.number for use in inputs.of(*PUSHES) if use.body}
     for number, body in seen.bodies.items():
         call = asked.load(body)
@@ -334,7 +334,7 @@ massless.rows(
 
 @input_rule("inertia-without-mass", "model")
 def inertia_without_mass(inputs: Inputs, seen: Seen) -> Iterator[Case]:
-    """A call for the inertia of a btRigidBody also sets its mass, to a leftover in memory."""
+    """A call for the inertia of a btRigidBody also sets its mass, to an uninitialised number."""
     dynamics = seen.dynamics
     rigid = {each.body.number for each in dynamics if int(each.reported["kind"][0]) == RIGID}
     alone = {

@@ -58,7 +58,7 @@ Rows = NDArray[np.intp]
     proposes=True,
 )
 def slides(pair: PairColumns, placing: Placing, chunk: StepChunk) -> Match:
-    """Gravity and the support's acceleration need more friction than there is, without a push."""
+    """Gravity and the support's acceleration need more than the possible friction; no push acts."""
     return _slips(pair, pair.pairs.slip_m_s > SLIPS_M_S, placing, chunk)
 
 
@@ -155,7 +155,7 @@ slides.rows(
     "creeps", "model", consecutive=True, argument="lateralFriction", least_count=CREEPS_STEPS
 )
 def creeps(pair: PairColumns, placing: Placing, chunk: StepChunk) -> Match:
-    """The solver stops before contacts rest: its changes are small, or iterations run out."""
+    """The solver stops before contacts rest: its changes get small, or its iterations run out."""
     return _slips(
         pair,
         (pair.pairs.slip_m_s > TREMBLES_M_S) & (pair.pairs.slip_m_s < CREEPS_M_S),
@@ -210,10 +210,12 @@ creeps.rows(
 def _slips(pair: PairColumns, slips: Flags, placing: Placing, chunk: StepChunk) -> Match:
     """Return the steps in which a body slips on its support, and nothing else pushes it.
 
-    Sums: of slip [m], with its direction and without, and way of the centre [m], time [s]; normal,
-    available, used impulse [N s], and that against the slip which moving with the support takes;
-    in a grip the moment about the contact of that, and what friction can give of it [N m s]. Those
-    of forces in a grip leave out the steps in which it closes.
+    Sums over the steps: path of the slip as a length (`slid`) and as a vector (`way`), and path of
+    the centre (`moved`) [m]; time [s]; impulses [N s] of the normal force, of the available and of
+    the used friction, of the friction that moving with the support requires (`needed`), and of its
+    part against the slip (`against`); in a grip, the moment of that friction about the contact
+    normal (`turning`), and the moment that friction can exert (`held`) [N m s]. Sums of forces
+    leave out the steps in which a grip closes.
     """
     free = np.isin(pair.body, [body.body.number for body in _free_bodies(chunk)])
     rows = np.flatnonzero(slips & free & (pair.pairs.normal_n > 0) & (pair.body != pair.other))
@@ -264,12 +266,12 @@ def _slips(pair: PairColumns, slips: Flags, placing: Placing, chunk: StepChunk) 
 
 
 def _is_free(steps: Steps) -> bool:
-    """Return whether steps are explained ones of single bodies."""
+    """Return whether steps are explained, and belong to bodies without joints."""
     return steps.law.tree.size == 6 and bool(steps.terms)
 
 
 def _free_bodies(chunk: StepChunk) -> list[BodySteps]:
-    """Return the steps of single bodies in the latest chunk."""
+    """Return the explained steps of free bodies without joints in the latest chunk."""
     free = (batch.bodies for batch, _ in chunk.batches if _is_free(batch.whole))
     return [body for bodies in free for body in bodies]
 
@@ -277,9 +279,10 @@ def _free_bodies(chunk: StepChunk) -> list[BodySteps]:
 def _acting(pair: PairColumns, rows: Rows, placing: Placing) -> tuple[Float64, ...]:
     """Return the load that weight and acceleration put on a body's contact, (n, 3) [N].
 
-    The acceleration is that of moving with its support. Then the forces of other bodies, and of
-    pushes and constraints, shape (n,) [N]; the velocity of its centre past the support [m/s], and
-    its place relative to the contact [m], shape (n, 3). NaN where the sum says nothing.
+    The acceleration is that of a body that moves with its support. Further results: the forces of
+    other bodies, and the forces of pushes and constraints, shape (n,) each [N]; the velocity of the
+    centre relative to the support [m/s], and the centre's position relative to the contact [m],
+    shape (n, 3) each. Values are nan for unexplained steps.
     """
     asked, way, arm = np.full((3, len(rows), 3), np.nan)
     others, pushed = np.full((2, len(rows)), np.nan)
@@ -321,7 +324,7 @@ def _dot(a: Float64, b: Float64) -> Float64:
 
 @pair_rule("friction-pyramid", "model", least_count=PYRAMID_STEPS)
 def friction_pyramid(pair: PairColumns, seen: Seen) -> Match | None:
-    """Friction exceeds μN in most steps, or turns a slide: enableConeFriction is 0."""
+    """Friction exceeds μN in most steps, or deflects a slide, since enableConeFriction is 0."""
     clients = seen.clients_with("set_enableConeFriction", 0)
     bodies = [number for number, body in seen.bodies.items() if body.client in clients]
     slides = (
@@ -367,7 +370,7 @@ friction_pyramid.rows(
 
 @side_rule("dragged-by-nothing", "asked", engines=ANY)
 def dragged_by_nothing(pair: PairColumns, placing: Placing) -> Match | None:
-    """Friction acts on velocities, and a body moved by poses alone has none."""
+    """Friction depends on velocities, and a support moved only by setting poses has none."""
     moves = pair.points.moves[pair.starts]
     lies = moves[:, pair.side] & ~moves[:, 1 - pair.side] & (pair.pairs.available_n > 0)
     ahead_m, where = np.zeros((len(lies), 3)), np.zeros(len(lies), np.bool_)

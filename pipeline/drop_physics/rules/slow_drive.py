@@ -1,7 +1,7 @@
 """Rules about MuJoCo joints that move slowly: damping, dry friction, armature.
 
-The effort of its drive goes into the model's damping, dry friction or armature; an actuator for
-rates, itself a damper, gives nothing at its target.
+Damping, dry friction or armature of the model takes up the drive's effort. A velocity actuator is
+itself a damper, and exerts no force at its target.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from drop_physics.rules.thresholds import (
 from drop_physics.trace.events import Body
 
 HELD = "contacts", "constraints", "stops", "spring", "tendon ", "joint force range"
-"""Prefixes of causes that hold a joint: where one acts, the joint's own losses are not to blame."""
+"""Prefixes of causes that hold a joint: if one acts, the joint's own losses are not the cause."""
 TAKERS = "damped", "rubbed", "swung"
 """The names of the terms that consume the drive: damping, dry friction, armature."""
 

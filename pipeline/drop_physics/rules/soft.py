@@ -36,7 +36,7 @@ OPPOSED = 0.5
 
 
 def _staying(pair: PairColumns, depth_m: Float64, least_m: float) -> Int64:
-    """Return the rows in which an overlap of at least `least_m`, shape (m,), stays the same."""
+    """Return the indices of rows in which an overlap of at least `least_m` stays the same."""
     rows = np.flatnonzero((depth_m >= least_m) & (pair.body != pair.other))
     rows = rows[np.lexsort((pair.step[rows], *pair.keys[rows].T))]
     lasts = np.zeros(len(rows), np.bool_)
@@ -49,7 +49,7 @@ def _staying(pair: PairColumns, depth_m: Float64, least_m: float) -> Int64:
 
 @pair_rule("deep-penetration", "model", engines=MUJOCOS)
 def sinks_in(pair: PairColumns, seen: Seen) -> Match:
-    """A contact is soft, or soft for its load, so that a resting body sinks in."""
+    """A contact is soft, or too soft for its load, so that a resting body sinks in."""
     rows = _staying(pair, pair.pairs.depth_m, SINKS_M)
     numbers = {
         "links": pair.links[rows],
@@ -111,9 +111,9 @@ def _carries(
     solref: Sequence[float],
     solimp: Sequence[float],
 ) -> Noted | None:
-    """Return the finding for a contact that carries far more than a weight.
+    """Return notes on a contact that carries far more than a body's weight; None for others.
 
-    Its stiffness is that of the time constant for the mass of the bodies, whatever lies on them.
+    A contact's stiffness follows from its time constant and the bodies' mass, whatever the load.
     """
     masses_kg = {
         each.body.number: float(each.reported["mass_kg"][0])
@@ -185,7 +185,7 @@ def _left_m(
 
 @pair_rule("margin", "note", engines=MUJOCOS)
 def held_apart(pair: PairColumns) -> Match:
-    """A margin lets contacts push before bodies touch, so that one rests above the other."""
+    """A margin makes contacts push before bodies touch, so that one rests above the other."""
     rows = _staying(pair, pair.pairs.gap_m, SINKS_M)
     return Match(rows, pair.pairs.gap_m[rows], keys=pair.keys[rows])
 
@@ -204,7 +204,7 @@ held_apart.rows(
 
 
 def _follows(bodies: BodyColumns, seen: Seen) -> Iterator[tuple[Equality, int, int]]:
-    """Yield the equalities that tie a body to one that calls move, with that body's id."""
+    """Yield each equality of a body with one that calls move, with the latter's id and the link."""
     number = bodies.batch.bodies[0].body.number
     if not seen.equalities:
         return
@@ -223,7 +223,7 @@ def _follows(bodies: BodyColumns, seen: Seen) -> Iterator[tuple[Equality, int, i
 
 @body_rule("constraint-lags", "model", engines=MUJOCOS)
 def constraint_lags(bodies: BodyColumns, records: Mapping[int, Record], seen: Seen) -> Match | None:
-    """A body held to one that only calls move lags behind, since that body has no velocity."""
+    """A body joined to one that only calls move lags behind, since the latter has no velocity."""
     rows, parts = np.arange(len(bodies.step)), []
     for equality, lead, link in _follows(bodies, seen):
         # Where it is as a step begins: what is written before it counts.

@@ -1,7 +1,7 @@
 """Reads docstrings, thresholds and advice from the source of the rules, for `drop explain`.
 
-A rule's sentence, its thresholds, its words and its advice stand in its source; here they are only
-gathered. A code that several rules share has those of all.
+Sentence, thresholds, texts and advice of a rule are written in its source; this module only
+collects them. A code that several rules share has the texts of all these rules.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ class RuleTexts:
     advises: list[str] = field(default_factory=list)
     proposes: list[str] = field(default_factory=list)
     cures: list[tuple[str, Cure, bool]] = field(default_factory=list)
-    """The engine in whose syntax each cure is written, with nan for a value that depends on the
-    run; and whether it is only a proposal."""
+    """The cures, each as the engine in whose syntax the call is written, the cure (nan for values
+    that depend on the run), and whether the cure is only a proposal."""
 
 
 def texts_of(names: Collection[str]) -> dict[str, RuleTexts]:
@@ -106,7 +106,7 @@ def _rules_in(
 ) -> Iterator[tuple[list[ast.FunctionDef], str, str | None, str | None]]:
     """Yield the rules in a module, with code, reason and level.
 
-    If there is only one, all texts of the module are its own.
+    If a module has only one rule, all texts of the module belong to that rule.
     """
     functions = [node for node in ast.walk(module) if isinstance(node, ast.FunctionDef)]
     beside = defaultdict[str, list[ast.FunctionDef]](list)
@@ -168,7 +168,7 @@ def _add(known: RuleTexts, parts: list[ast.FunctionDef], limits: set[str], level
 
 
 def _add_row(known: RuleTexts, rule: Rule, row: SayingRow) -> None:
-    """Add the texts of one of a rule's messages."""
+    """Add the texts of one row of a rule."""
     proposed = rule.proposes if row.proposed is None else row.proposed
     engine = MUJOCO if (row.engines or rule.engines) == MUJOCOS else PYBULLET
     decides = () if row.when is None else row.when.__code__.co_names

@@ -24,7 +24,8 @@ from drop_physics.trace.history import Seen
 
 BASE = -1
 HALF = 1e-3
-"""Tolerance, as a share of a length, for an overlap that fits a body of half the size."""
+"""Tolerance, as a share of a length, for an overlap that would vanish if the body had half its
+size."""
 
 
 @pair_rule("starts-in-contact", "asked", consecutive=True, engines=MUJOCOS)

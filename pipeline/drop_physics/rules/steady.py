@@ -9,7 +9,7 @@ from drop_physics.rules.thresholds import SINKS_STEPS, STEADY_SHARE
 
 
 def is_steady(values: Float64) -> Flags:
-    """Flag the steps, shape (n,), before which values hardly changed for SINKS_STEPS."""
+    """Flag the steps, shape (n,), whose values have hardly changed over the last SINKS_STEPS."""
     columns = values if values.ndim > 1 else values[:, None]
     found = np.zeros(len(columns), np.bool_)
     if len(columns) >= SINKS_STEPS:

@@ -38,7 +38,7 @@ TableName = Literal[
     "bodies",
 ]
 TABLES: tuple[TableName, ...] = get_args(TableName)
-"""The names of tables; the first two cover the whole run: what calls set, and the account."""
+"""The names of tables; the first two cover the whole run: the calls, and the account."""
 
 
 class RuleTable(Protocol):
@@ -54,7 +54,7 @@ class RuleTable(Protocol):
 
     @property
     def noted(self) -> Mapping[str, Float64]:
-        """Numbers that every rule records of its worst case."""
+        """Columns whose values every rule records for its worst match."""
 
 
 def tables(name: TableName, scene: Scene, earlier: EarlierRows) -> Iterator[RuleTable]:
@@ -91,7 +91,8 @@ def tables(name: TableName, scene: Scene, earlier: EarlierRows) -> Iterator[Rule
 class JointColumns:
     """The joints of a body over n steps; columns (n, joint_rates).
 
-    They are those of `driven`, the requests of calls, `asked`, and some that rules share.
+    The columns are those of `driven`, those of `asked` (the requests of calls), and some that rules
+    share.
     """
 
     def __init__(self, chunk: StepChunk, driven: JointTelemetry, earlier: EarlierRows) -> None:
@@ -130,7 +131,7 @@ class JointColumns:
 
     @cached_property
     def inertia(self) -> Float64:
-        """The inertia that each joint moves in the last step, with the others at rest."""
+        """The inertia that each joint moves in the last step, all others at rest [kg m², kg]."""
         steps = self.driven.steps
         (matrix,) = mass_matrix(kinematics(steps.law.tree, steps.before.at(np.array([-1]))))
         return np.broadcast_to(np.diag(matrix)[steps.law.tree.first_rate :], self.target.shape)
@@ -152,11 +153,11 @@ class JointColumns:
         return found, np.vstack([before, found[:-1]])
 
     def came(self, column: Column) -> Float64:
-        """Return states of the body one step earlier; nan if there is none."""
+        """Return a quantity of the body's states one step earlier; nan if there is none."""
         return self._chunk.came(self.steps, [(0, self.steps)], column)
 
     def term(self, name: str) -> Float64:
-        """Return the impulses of a cause on the joints; 0 if it does not act."""
+        """Return the impulses of a cause on the joints [N s, N m s]; 0 if it does not act."""
         steps = self.driven.steps
         found = steps.terms.get(name, np.zeros((len(steps), steps.law.tree.size)))
         return found[:, steps.law.tree.first_rate :]
@@ -254,9 +255,9 @@ class BodyColumns:
         return np.repeat([value(body) for body in bodies], [len(body) for body in bodies], axis=0)
 
     def greatest(self, values: Float64) -> Float64:
-        """Return the running maximum of the rates of each body, even of earlier chunks.
+        """Return the running maximum of each body's rates, including earlier chunks.
 
-        Both have the shape (n, rates).
+        Argument and result have the shape (n, rates).
         """
         found, kept = np.empty_like(values), self._earlier.rates
         for body in self.batch.bodies:
@@ -278,7 +279,7 @@ class BodyColumns:
         return JointColumns(self._chunk, driven, self._earlier)
 
     def came(self, column: Column) -> Float64:
-        """Return states of the bodies one step earlier; nan if there is none."""
+        """Return a quantity of the bodies' states one step earlier; nan if there is none."""
         parts = [(body.rows.start, body) for body in self.batch.bodies if len(body)]
         return self._chunk.came(self.whole, parts, column)
 

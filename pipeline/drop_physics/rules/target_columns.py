@@ -19,7 +19,7 @@ from drop_physics.trace.history import Seen
 
 
 class StandingTargets:
-    """The targets of position motors over chunks, and the table of each that is in effect."""
+    """The targets of position motors over chunks, and a table of each target in effect."""
 
     def __init__(self) -> None:
         self._targets: dict[int, Targets] = {}
@@ -72,14 +72,14 @@ class TargetColumns:
         self.ends_run = np.zeros(m, np.bool_)
         """Whether each target was in effect at the last of its body's steps."""
         self.late = False
-        """Whether the target belongs to earlier steps, and has already been judged with them."""
+        """Whether the targets were set in earlier steps, and rules have already examined them."""
         self.off = np.abs(stood.gap)
         unit, _ = units_of(driven, stood.k)
         self.least = AT_TARGET[unit]
-        """Gap below which the joint counts as at its target."""
+        """Gap below which the joint counts as at its target [rad] or [m]."""
         self.kd = driven.asked.kd[stood.row, stood.k]
         self.at_rest = driven.resting[stood.row, stood.k]
-        """Whether the joint is at its target, regardless of how long the target was in effect."""
+        """Whether the joint is at rest at the end of each target, shape (m,)."""
         share = self.off if unit == "rad" else self.off / size_m(driven.body)
         self.numbers: Mapping[str, NDArray[Any]] = {
             "off": self.off,
@@ -94,10 +94,10 @@ class TargetColumns:
         }
         """Values that the texts of every rule may name, by name."""
         self.stopped = self._stopped()
-        """Whether each ends with the motor at its limit, blocked by a body that touches
-        its links."""
+        """Whether each target ends with the motor at its limit, blocked by a body that touches the
+        robot's links."""
         self.pressed = self._pressed(seen, telemetry)
-        """Whether each ends with the joint pressed against a body that it holds."""
+        """Whether each target ends with the joint pressing against a body."""
 
     @cached_property
     def reached(self) -> Flags:

@@ -1,7 +1,8 @@
 """All thresholds of the rules, with units and meanings.
 
-`drop explain` shows them (`sources` reads them here). A unit of `share` is a
-share of what the sentence names, one of `1` a count.
+`drop explain` shows them; `sources` parses these docstrings. The unit `share` is a ratio to the
+quantity in the sentence, `1` a count or ratio. `Needed by` names the test script, or the reason,
+that fixes the value.
 """
 
 from __future__ import annotations

@@ -147,7 +147,8 @@ pushed_through.rows(
 def _stopping(body: str, timestep_s: float, thick_m: float, speed_m_s: float) -> Cure:
     """Return contact settings that stop a body in half the wall, and a timestep short enough.
 
-    At critical damping it is stopped within 1 / e of what it goes in a time constant.
+    At critical damping a body stops within 1 / e of the distance that its speed covers in a time
+    constant.
     """
     constant_s = float(f"{thick_m / (2 * speed_m_s):.1g}")
     finer = max(1, math.ceil(shortest_s(timestep_s) / constant_s - 1e-6))
@@ -248,7 +249,7 @@ def _may_meet(body: Body, other: Body, box: Collision) -> bool:
 
 
 def _touching(bodies: BodyColumns, rows: Int64, others: Int64, chunk: StepChunk) -> Flags:
-    """Return whether a body touches another in a step, or in an adjacent step."""
+    """Flag the rows in which a body touches another one in the same or an adjacent step."""
     pairs, found = chunk.pairs, np.zeros(len(rows), np.bool_)
     for k, (number, other) in enumerate(zip(bodies.body[rows], others, strict=True)):
         both = (pairs.body == sorted((number, other))).all(axis=1)
@@ -266,9 +267,10 @@ def _why(inputs: Inputs, body: Body, other: Body) -> Call | str | None:
 def _crossing(
     before_m: Float64, after_m: Float64, base: Float64, box: Collision
 ) -> tuple[Float64, Float64]:
-    """Return where on their paths points enter and leave a box, as fractions, shape (n,).
+    """Return the fractions of their paths at which points enter and leave a box, shape (n,) each.
 
-    Slab by slab; a path misses the box if it leaves one slab before it is in all.
+    The box is the intersection of three slabs; a path misses the box if it leaves one slab before
+    it has entered all three.
     """
     half_m = np.array(box.size_m) / 2
     begins, ends = (_in_box(each, base, box) for each in (before_m, after_m))
@@ -333,7 +335,7 @@ far.rows(
 
 @body_rule("timestep-too-long", "model", engines=ANY)
 def long(bodies: BodyColumns) -> Match:
-    """A robot's timestep is so long that motors and contacts react late."""
+    """A robot's timestep is so long that motors and contacts react too late."""
     step_s = bodies.reported.timestep_s / bodies.whole.substeps
     jointed = bodies.of_each(lambda each: len(each.body.joints) > 0)
     return Match((step_s > LONG_S) & jointed, step_s)
@@ -363,6 +365,6 @@ long.rows(
 
 
 def _thick_m(steps: BodySteps) -> float:
-    """Return the shortest edge of a single body's box [m]; 0 for a body with joints."""
+    """Return the shortest edge of a body's bounding box [m]; 0 for a body with joints."""
     box = np.array(steps.body.bounds_m[:6])
     return 0.0 if steps.body.joints or len(box) < 6 else float((box[3:] - box[:3]).min())

@@ -36,8 +36,8 @@ end of a step."""
 def turned_around(joints: JointColumns) -> Match:
     """A gain or a damper is too stiff for the timestep.
 
-    The rate turns around with every step and grows, by an actuator or a damper of a law that says
-    so; or it turns again and again, faster each time, by what the script gives.
+    The joint's rate reverses in every step and grows. Either the known law of an actuator or damper
+    predicts this, or a torque of the script reverses the rate repeatedly, faster each time.
     """
     steps = joints.driven.steps
     nowhere = np.zeros(joints.target.shape, np.bool_)
@@ -111,7 +111,7 @@ DRIVES = "actuator", "applied", "tendon"
 
 
 def _turner(joints: JointColumns, rows: NDArray[np.intp], place: int) -> NDArray[np.object_]:
-    """Return the term that contributes most to a velocity's reversals."""
+    """Return the name of the term that contributes most to each reversal of a joint's rate."""
     steps = joints.driven.steps
     names = [*steps.terms]
     change = (steps.after.velocity - steps.before.velocity)[rows, place]
@@ -140,10 +140,10 @@ def _examined(steps: Steps) -> Examined:
 def _servos(
     joints: JointColumns, k: int, examined: Callable[[], Examined]
 ) -> tuple[Servos, int] | None:
-    """Return a body's joints as springs and dampers, and the index of one of them.
+    """Return a body's joints as springs and dampers, and the index of joint `k` among them.
 
-    The pose is that of the chunk's in which this one has the least inertia. None of a spherical
-    joint, and where several actuators act on it.
+    The pose is that of the chunk in which the joint has the least inertia. None for a spherical
+    joint, and if several actuators act on the joint.
     """
     steps, body = joints.driven.steps, joints.driven.body
     if body.joints[link_of(body, k)].widths[1] != 1 or len(actuators_on(body, k)) > 1:
@@ -207,8 +207,9 @@ def _limits(servos: Servos, place: int) -> dict[str, float]:
 def _growth(before: Float64, tops: Float64, drives: Flags, ends: Flags) -> Float64:
     """Return the factor by which a joint's speed grows per reversal, shape (turns,); else 0.
 
-    It grows GROWN times in all in RINGS_STEPS turns or more, or doubles with each until the sum no
-    longer closes. `drives` says whether what turns it may be its cause, `ends` where that is.
+    The speed must grow by the factor GROWN over at least RINGS_STEPS reversals, or double with each
+    one until steps are no longer explained. `drives` flags reversals by a term that may be the
+    cause, `ends` those after which steps are unexplained.
     """
     found = np.zeros(len(tops))
     for factor in (1.0, DOUBLES):

@@ -38,8 +38,9 @@ AXES = (
     "velocity along z",
 )
 EXPLICIT = "joint damping", "applied", "damping"
-"""Terms that depend on rates and act at once. The solver's terms react to others, as for a
-trembling body at rest, and what a motor's own gains reverse is `motor-gain`."""
+"""Explicit terms that depend on rates. Terms of the solver are left out because they only react to
+others, as for a trembling body at rest; reversals by a motor's own gains are reported as
+`motor-gain`."""
 
 
 def _own(bodies: BodyColumns) -> Flags:
@@ -61,7 +62,7 @@ def _named(subject: Body, keys: list[int], first_rate: int) -> Noted:
 
 @body_rule("unstable", "broken", consecutive=True, least_count=RINGS_STEPS, subject=1)
 def unstable(bodies: BodyColumns) -> Match | None:
-    """A velocity changes its sign with every step, because a term reacts too stiffly."""
+    """A velocity changes its sign in every step, because a term is too stiff for the timestep."""
     if not bodies.terms:
         return None
     before, after = bodies.before.velocity, bodies.after.velocity

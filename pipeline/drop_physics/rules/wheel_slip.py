@@ -1,4 +1,4 @@
-"""The rule `wheel-slip`: wheels that turn otherwise than the robot moves."""
+"""The rule `wheel-slip`: wheels whose rotation does not match the robot's motion."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ OF_BOTH = {PYBULLET: Message("the product of both"), MUJOCO: Message("the larger
 
 @joint_rule("wheel-slip", "asked", engines=ANY, commanded=False)
 def wheel_slip(joints: JointColumns, chunk: StepChunk) -> Match | None:
-    """A wheel slips: its contact point moves otherwise than its joint turns."""
+    """A wheel slips: the motion of its contact point does not match its joint's rotation."""
     steps, number = joints.steps, joints.body.number
     drives = (joints.mode == VELOCITY) & (joints.asked.impulse > 0)
     if not steps.terms or steps.law.tree.fixed or not drives.any():
@@ -199,7 +199,8 @@ class Rolling:
         used, at = np.unique(self.row, return_inverse=True)
         kin = kinematics(tree, steps.before.at(used))
         self._forward_m, self._rate = np.zeros((len(its), 3)), np.zeros(len(its))
-        """Velocity of a point per radian of its joint, and the joint's rate."""
+        """Velocity of a contact point per unit rate of its joint [m], and the joint's rate
+        [rad/s]."""
         self.lying = np.ones(len(its))
         for k in np.unique(joint[joint != BASE]).tolist():
             if tree.joints[k] == "revolute":
@@ -211,7 +212,7 @@ class Rolling:
                 self.lying[rows] = np.einsum("ki,ki->k", axis, self._normal[rows])
 
     def held(self, wheel: Flags) -> Flags:
-        """Flag the steps in which more than the ground's friction acts along a wheel's path."""
+        """Flag the steps in which forces besides the ground's friction act along a wheel's path."""
         steps, n = self._steps, len(self._steps)
         timestep_s = steps.reported.timestep_s[:, None]
         outside = sum(steps.terms[name][:, 3:6] for name in ("contacts", "constraints", "applied"))
@@ -251,7 +252,7 @@ class Rolling:
 
 
 def _share(rolled: Float64, slipped: Float64, limited: Float64) -> Float64:
-    """Return how much of a path was slip, as a share; 0 unless friction was at its limit."""
+    """Return the share of a path that was slip; 0 unless friction was at its limit."""
     slipped = np.abs(slipped)
     return np.where(np.abs(limited) > 0.5 * slipped, slipped / np.abs(rolled), 0.0)
 
