@@ -419,7 +419,8 @@ class Inputs:
     def left_out(self, act: Act) -> tuple[list[Use], list[int]]:
         """Return uses of a setter for client 0 only, and the simulations that lack it.
 
-        Both are empty if any call names a client, or if there are fewer calls than simulations.
+        The second list is empty if any call names a client, or if there are fewer calls than
+        simulations.
         """
         uses = [*self.of(act)]
         mine = [use for use in uses if use.first.client == 0]
