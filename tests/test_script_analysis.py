@@ -24,6 +24,7 @@ from command import drop_here
 from conftest import Drop, Recorder, judge, rerun_rrd, some
 from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.recording.reader import Recording
+from drop_physics.report.episodes import episode_lines
 from drop_physics.report.terminal import show
 from drop_physics.trace.history import Seen
 from drop_physics.trace.tables import table_of
@@ -1344,3 +1345,36 @@ def test_a_time_that_is_not_in_the_recording_is_wrong_usage(
     assert not (tmp_path / "layer.rrd").exists()
     done = drop("analyze", article / "article.rrd", "--out", "layer.rrd", "--at", "1")
     assert done.returncode == 0, done.stderr
+
+
+# -- bodies that are loaded again -----------------------------------------------------------------
+
+LOADED_AGAIN = """
+for height_m in (0.5, 1.0):
+    p.resetSimulation()
+    p.loadURDF("sphere_small.urdf", [0, 0, height_m])
+    steps(20)
+"""
+"""A ball without gravity, which stays where each episode loads it."""
+
+
+def test_a_body_that_is_loaded_again_is_not_said_to_be_moved(tmp_path: Path) -> None:
+    recording = scenes.record(LOADED_AGAIN, tmp_path / "run.rrd")
+    assert {row.kind for row in analyze(recording.seen).account} == {"idle"}
+
+
+WORLDS = """
+moon = p.connect(p.DIRECT)
+for world in (0, moon):
+    p.loadURDF("sphere_small.urdf", [0, 0, 1], physicsClientId=world)
+    p.setGravity(0, 0, -9.81, physicsClientId=world)
+for _ in range(20):
+    p.stepSimulation(physicsClientId=0)
+    p.stepSimulation(physicsClientId=moon)
+"""
+
+
+def test_two_simulations_that_no_call_resets_are_no_episodes(tmp_path: Path) -> None:
+    found = analyze(scenes.record(WORLDS, tmp_path / "run.rrd").seen)
+    assert len(found.episodes) == 2
+    assert [*episode_lines(found.episodes, None, found.samples, verbose=False)] == []

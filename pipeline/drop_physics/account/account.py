@@ -252,7 +252,7 @@ class Account:
             ledger.add(steps, impulses_by_term(steps, normals, self._servos[number]))
             if tree.fixed:
                 self._carried.setdefault(number, Carried()).add(steps)
-        self._written.setdefault(number, WrittenStates()).add(steps, points)
+        is_loaded_again = self._written.setdefault(number, WrittenStates()).add(steps, points)
         pull = steps.reported.gravity_m_s2
         strongest = pull[int(np.argmax(np.linalg.norm(pull, axis=1)))].copy()
         known = self._gravity.get(number)
@@ -265,11 +265,12 @@ class Account:
         if not tree.fixed:
             before = steps.before
             track = self._tracks.get(number)
-            if track is None:
+            if track is None or is_loaded_again:
                 track = self._tracks[number] = BaseTrack(
                     before.position_m[0].copy(),
                     before.orientation[0].copy(),
                     before.position_m[0].copy(),
+                    int(steps.steps[0]),
                 )
             track.add(steps.steps, before, steps.after)
 

@@ -388,7 +388,7 @@ def _way(
 ) -> AccountRow:
     """Return the row for a base's path, along the world axes given in `axes`."""
     ledger, step, main = subject.ledger, track.farthest_step, way * axes
-    window = ledger.window(ledger.first, step)
+    window = ledger.window(track.first_step, step)
     rates = [3 + int(k) for k in np.flatnonzero(axes)]
     gave, took = given_and_taken(ledger.works(rates, window))
     far, axis = float(np.linalg.norm(way)), int(np.argmax(np.abs(main)))
@@ -447,7 +447,7 @@ def _turn(
     spun_rad = float(np.linalg.norm(track.most_spun_rad))
     if spun_rad > np.pi and not written.way.any():
         step, angle_rad = track.most_spun_step, spun_rad
-    window = ledger.window(ledger.first, step)
+    window = ledger.window(track.first_step, step)
     gave, took = given_and_taken(ledger.works([0, 1, 2], window))
     axis = int(np.argmax(np.abs(track.most_spun_rad)))
     told = Message(

@@ -198,7 +198,7 @@ class Overlaps:
                 continue
             line = "" if pair.call is None else pair.call.site.place
             told = Message(
-                "{depth} inside each other at {time} s, and no force acts: {why}",
+                "at least {depth} inside each other at {time} s, and no force acts: {why}",
                 depth=quantity(pair.deepest_m, "m"),
                 time=f"{words.seconds(one.body, pair.step):.3g}",
                 why=Message(WHY[pair.cause], line=line),

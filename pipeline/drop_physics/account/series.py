@@ -113,6 +113,8 @@ class BaseTrack:
     """First orientation, a unit quaternion x, y, z, w."""
     farthest_m: Float64
     """The position farthest from the first one [m], shape (3,)."""
+    first_step: int
+    """The first step of the body since it was loaded for the last time."""
     farthest_step: int = -1
     most_turned_rad: float = 0.0
     most_turned_step: int = -1

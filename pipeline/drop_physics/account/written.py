@@ -15,6 +15,7 @@ from drop_physics.account.words import RowWords
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.contact_points import Points
 from drop_physics.explain.steps import BodySteps
+from drop_physics.fields import counted
 from drop_physics.messages import Message, joined
 from drop_physics.physics.tree import States, Tree
 from drop_physics.quantities import quantity
@@ -53,9 +54,18 @@ class WrittenStates:
     into: tuple[int, int] | None = None
     """The other body's id, and its link."""
     _last: States | None = None
+    _life: int = 0
+    """Index of the body's life in the latest steps: a body that is loaded again has another."""
 
-    def add(self, steps: BodySteps, points: Points) -> None:
-        """Add explained steps of the body; `points` are all contact points in them."""
+    def add(self, steps: BodySteps, points: Points) -> bool:
+        """Add explained steps of the body, and return whether it was loaded again before them.
+
+        `points` are all contact points in the steps.
+        """
+        is_loaded_again = self._last is not None and steps.config.life != self._life
+        self._life = steps.config.life
+        if is_loaded_again:
+            self._last = None
         before, after = steps.before, steps.after
         put = np.flatnonzero(steps.put)
         if len(put):
@@ -69,6 +79,7 @@ class WrittenStates:
             end = after.at(np.array([row - 1]))
             self._jump(tree, int(steps.steps[row]), end, before.at(np.array([row])))
         self._last = after.at(np.array([len(steps) - 1]))
+        return is_loaded_again
 
     def _meet(self, number: int, points: Points, steps: Int64) -> None:
         """Update the deepest overlap with another body (by id) at the start of steps."""
@@ -98,9 +109,9 @@ class WrittenStates:
         if not self.written or (way <= 0.01 and self.velocity.sum() <= 0.01):
             return None
         told = Message(
-            "the script wrote its state before {written:,} of {steps:,} steps",
-            written=self.written,
+            "between its {steps:,} steps the script wrote its state {times}",
             steps=self.steps,
+            times=counted(self.written, "time"),
         )
         if self.way.any():
             told = told + Message(

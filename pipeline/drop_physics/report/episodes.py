@@ -42,8 +42,8 @@ def episode_lines(
 
     `samples` is the number of samples of the run.
     """
-    if len(rows) < 2 and all(row.length is None for row in rows):
-        return  # a run without environments is no episode
+    if all(row.length is None and row.ended == "run" for row in rows):
+        return  # without environments and resets a run has no episodes
     heading, facts = Message("episode"), list[Fact]()
     told = [row for row in rows if row.number == looked_at] or ([] if len(rows) > 1 else rows)
     if not told:

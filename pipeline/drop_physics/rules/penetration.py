@@ -314,7 +314,7 @@ def _(
     return {
         "itself": itself,
         "level": "model" if itself else "broken" if thrown else "asked" if lifted else "note",
-        "came": placing.came(subject.number, step),
+        "as_loaded": placing.is_as_loaded(subject.number, step),
         "one": part_named(subject, links[0]),
         "two": part_named(partner, links[1]),
         "away": tuple(away),
@@ -336,7 +336,7 @@ starts_in_contact.rows(
         code="self-collision",
     ),
     SayingRow(
-        when=lambda came: came,
+        when=lambda as_loaded: as_loaded,
         says=Message(
             "{one} is loaded {depth_m:mm} inside {two} at {time:.4g} s: they are pushed "
             "apart at {size:.3g} m/s{hull}"

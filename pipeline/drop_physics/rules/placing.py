@@ -38,6 +38,8 @@ class Placing:
         pose."""
         self._posed: set[int] = set()
         """Keys of bodies and steps before which a call set the pose."""
+        self._reposed: set[int] = set()
+        """Keys of bodies and steps before which another call than the load set the pose."""
         self._bodies, self._puts = seen.bodies, seen.puts
 
     @cached_property
@@ -64,6 +66,7 @@ class Placing:
                 if body.client == call.client and (restores or body.engine_id == number)
             }
             self._posed |= keys
+            self._reposed |= keys if "bodyUniqueId" in values else set()
             self._restored |= keys if restores else set()
             if np.isfinite(number):
                 told = self._sites.setdefault((call.client, int(number)), [])
@@ -91,6 +94,10 @@ class Placing:
     def came(self, bodies: Int64 | int, steps: Int64 | int) -> Flags:
         """Flag the bodies that were loaded immediately before a step."""
         return np.isin(bodies * STEPS + steps, self._came)
+
+    def is_as_loaded(self, body: int, step: int) -> bool:
+        """Return whether a body was loaded immediately before a step, and not moved since."""
+        return bool(self.came(body, step)) and body * STEPS + step not in self._reposed
 
     def site(self, body: Body, step: int) -> str | None:
         """Return file and line of the last call that placed a body before a step."""
