@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from drop_physics.explain.steps import BodySteps
+from drop_physics.physics.moving import moved, way_between
 from drop_physics.physics.reactions import Reactions, reactions
+from drop_physics.physics.tree import States, Tree
 
 WITHIN = {
     *("gravity", "bias", "motors", "damping", "joint damping", "spring", "friction loss", "stops"),
@@ -15,13 +17,17 @@ WITHIN = {
 on each link is known, or they are not forces."""
 ROUNDED = 1e-9
 """A remainder below this share of an impulse is rounding."""
+STRAYED, MOVED_BY = 1e-6, 1e-12
+"""Largest difference of a joint from where the velocities at the end of a step lead it: a share of
+its way in the step, and a rounding error [rad or m]. In a Runge-Kutta step it is larger."""
 
 
 def reactions_of(steps: BodySteps, row: int) -> Reactions | None:
     """Return the reactions across a body's joints in one of its steps.
 
     None if the step is not explained, or if the force of a cause on each link is unknown: an
-    applied force in MuJoCo, an equality, a fluid, or a tendon.
+    applied force in MuJoCo, an equality, a fluid, or a tendon. None for a step of a Runge-Kutta
+    method, too: it has no one acceleration.
     """
     if not steps.covered or not steps.closes[row] or steps.substeps > 1:
         return None
@@ -40,11 +46,24 @@ def reactions_of(steps: BodySteps, row: int) -> Reactions | None:
         if left.any() and not told and cause not in WITHIN | known:
             return None
     at = np.array([row])
+    before, after = steps.before.at(at), steps.after.at(at)
+    if _strays(steps.law.tree, before, after, timestep_s):
+        return None
     return reactions(
         steps.law.tree,
-        steps.before.at(at),
-        steps.after.at(at),
+        before,
+        after,
         timestep_s=timestep_s,
         gravity_m_s2=reported.gravity_m_s2[0],
         forces=(reported.contacts, reported.applied, reported.constraints),
     )
+
+
+def _strays(tree: Tree, before: States, after: States, timestep_s: float) -> bool:
+    """Return whether joints are not where the velocities at the end of a step lead them."""
+    reached = moved(tree, before, after.velocity, np.array([timestep_s]), np.inf)
+    off, way = (
+        np.abs(way_between(tree, *ends))[0, tree.first_rate :].max(initial=0.0)
+        for ends in ((reached, after), (before, after))
+    )
+    return bool(off > STRAYED * way + MOVED_BY)
