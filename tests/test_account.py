@@ -239,7 +239,7 @@ def test_a_state_that_is_written_each_step_is_told(told: Told) -> None:
     wall = "<geom name='wall' type='plane' size='5 5 1' pos='0 0 1.11'/>"
     world = wall + SLIDE.format(damping=0)
     row = the(told(world, before="data.qpos[0] = 0.2", steps=300), "set", "1_mass")
-    assert row.told.startswith("between its 300 steps the script wrote its state 299 times")
+    assert row.told.startswith("the script wrote its state before 299 of the 299 steps after")
     # A sphere of 0.1 m around z = 1.2 reaches 10 mm below the plane.
     assert "up to 10 mm into world" in row.told
 

@@ -15,7 +15,6 @@ from drop_physics.account.words import RowWords
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.contact_points import Points
 from drop_physics.explain.steps import BodySteps
-from drop_physics.fields import counted
 from drop_physics.messages import Message, joined
 from drop_physics.physics.tree import States, Tree
 from drop_physics.quantities import quantity
@@ -109,9 +108,9 @@ class WrittenStates:
         if not self.written or (way <= 0.01 and self.velocity.sum() <= 0.01):
             return None
         told = Message(
-            "between its {steps:,} steps the script wrote its state {times}",
-            steps=self.steps,
-            times=counted(self.written, "time"),
+            "the script wrote its state before {written:,} of the {steps:,} steps after the first",
+            written=self.written,
+            steps=self.steps - 1,
         )
         if self.way.any():
             told = told + Message(
