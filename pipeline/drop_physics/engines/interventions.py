@@ -90,7 +90,7 @@ class ChangeRow:
     tries: str = ""
     """Operators that the search for causes tries, in the format of `watching.single_changes`."""
     breaks: str = ""
-    """Those operators in `tries` that remove a part of the scene or of the command."""
+    """Operators in `tries` that remove a part of the scene or of the command."""
     default: object = 0.0
     """The engine's default value, for the operator `=default`."""
     change: str = ""

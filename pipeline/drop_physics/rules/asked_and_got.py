@@ -618,7 +618,7 @@ pose_set_each_step.rows(
         when=lambda subject: subject.base_moves,
         advice=Message("move it by a force, a velocity, or a constraint"),
     ).like(POSED),
-    # What has no mass is moved by its pose alone, and pushes by its overlap.
+    # A body without mass moves only where calls put it, and pushes others by its overlap.
     SayingRow(
         advice=Message("{call}, or give it a mass and move it by a constraint"), level="note"
     ).like(POSED),

@@ -102,11 +102,11 @@ def _(
     stiffness = max([0.0, *soft_n_m])
     slops_m = [float(use.high[SLOP][0]) for use in engine if SLOP in use.high]
     given = [int(use.low[ITERATIONS][0]) for use in engine if ITERATIONS in use.low]
-    # What a constraint holds inside, a call asked for.
+    # A call asked for an overlap in which a constraint holds two bodies.
     over = share > OVER_HALF and not constraints
     level = "broken" if stays and over else "note" if ends and not over else None
     moves = carried > (last - first) / 2
-    # As a call made it; and what has no mass is moved by its pose alone.
+    # A call makes this motion; and bodies without mass move only where calls put them.
     pushes = moves and not all(each.base_moves for each in both)
     if (stiffness or pushes) and not over:
         level = "note"
