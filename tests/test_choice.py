@@ -24,9 +24,9 @@ import scenes
 from conftest import Drop
 from drop_physics.account.rows import AccountRow
 from drop_physics.messages import Message
-from drop_physics.rules.answer import LEVELS, Effect, Finding, Level, Proof
+from drop_physics.rules.answer import Effect, Finding, Proof
 from drop_physics.rules.choice import Choice, minor
-from drop_physics.rules.codes import CODES
+from drop_physics.rules.codes import CODES, LEVELS, Level
 from drop_physics.stages.analyze.sources import Sources, comments_in
 
 PACKAGE = Path(drop_physics.__file__).parent

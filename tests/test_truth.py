@@ -34,7 +34,7 @@ from drop_physics import Scenario, analyze, simulate
 from drop_physics.engines.pybullet import probe
 from drop_physics.engines.pybullet.world import World
 from drop_physics.errors import DropError, ScenarioError
-from drop_physics.rules.answer import LEVELS
+from drop_physics.rules.codes import LEVELS
 from dropped import analysis_of_world
 from oracle import Drop, Rebound, Truth
 

@@ -5,6 +5,7 @@ Each command imports what it needs when it runs, so that `drop --help` is quick.
 
 from __future__ import annotations
 
+import importlib
 import sys
 from functools import partial
 from pathlib import Path
@@ -379,7 +380,7 @@ def script(given: TypedLine) -> None:
     digest_of_script(target, is_module=given["is_module"])  # before what takes long to load
     analyzed = _analyzer(given, Path(target), out=None)
     in_text = given["output_format"] == "text" and not given["json"]
-    recorded = _recorded(given, to_stderr=not in_text)
+    recorded = _recorded(given, to_stderr=not in_text, meanwhile=_load_analysis)
     codes = [1 if recorded.never_began else _show(recorded, stream=sys.stderr, analyzed=True)]
     printed = []
     for each in filter(None, (recorded, recorded.beside)):
@@ -426,7 +427,15 @@ def _again(given: TypedLine) -> Callable[[str], str]:
     return lambda verb: command_of(verb, script, given["arguments"], **options)
 
 
-def _recorded(given: TypedLine, *, to_stderr: bool) -> Recorded:
+def _load_analysis() -> None:
+    """Load what analyzes and reports, while the script's process loads its engine."""
+    for module in ("stages.analyze", "report.analysis", "report.terminal"):
+        importlib.import_module(f"drop_physics.{module}")
+
+
+def _recorded(
+    given: TypedLine, *, to_stderr: bool, meanwhile: Callable[[], None] | None = None
+) -> Recorded:
     """Record a script; its standard output goes to drop's own, or to standard error."""
     from drop_physics.stages.program import digest_of_script
 
@@ -439,7 +448,11 @@ def _recorded(given: TypedLine, *, to_stderr: bool) -> Recorded:
     stdout = output.descriptor(sys.stderr if to_stderr else sys.stdout)
     with script_progress() as (progress, note):
         return record_script(
-            **given.of(verbs.RecordArguments), stdout=stdout, note=note, progress=progress
+            **given.of(verbs.RecordArguments),
+            stdout=stdout,
+            note=note,
+            progress=progress,
+            meanwhile=meanwhile,
         )
 
 

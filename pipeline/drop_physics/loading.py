@@ -2,9 +2,8 @@
 
 A package's `__init__` loads all modules from which it imports names, although a command needs only
 some: 80 of Rerun's 500 modules, and for a convex hull 15 of SciPy's 180. Here, such a package
-imports a name from its module when the name is first used, and a dataclass's methods are compiled
-when they are first called. Other programs, such as a notebook or a recorded script, import whole
-packages as usual.
+imports a name from its module when the name is first used. Other programs, such as a notebook or a
+recorded script, import whole packages as usual.
 """
 
 from __future__ import annotations

@@ -28,9 +28,10 @@ from drop_physics.errors import DropError
 from drop_physics.loading import load_less
 from drop_physics.messages import Message
 
-SAFE = {"PYTHONSAFEPATH": "1", "MUJOCO_GL": "disable"}
+SAFE = {"PYTHONSAFEPATH": "1", "MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1"}
 """Environment variables of drop's own processes: libraries import nothing from the working
-directory, and MuJoCo does not load a window library from there."""
+directory, MuJoCo does not load a window library from there, and numpy starts no threads, which
+would spin while its small matrices leave them idle."""
 
 LOUD = ("RUST_LOG", "MALLOC_CONF", "_RJEM_MALLOC_CONF", "POLARS_VERBOSE", "POLARS_PANIC_ON_ERR")
 """Variables, set for other programs, that would make drop's libraries print."""
@@ -155,8 +156,7 @@ class Worker:
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     pass_fds=pass_fds,
-                    # One thread each: there are as many of us as there are cores.
-                    env={**our_environment(), "OPENBLAS_NUM_THREADS": "1"},
+                    env=our_environment(),
                 )
         except OSError as error:
             raise DropError(

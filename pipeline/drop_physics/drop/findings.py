@@ -20,7 +20,8 @@ from drop_physics.drop.landing import restitution_threshold_m_s
 from drop_physics.drop.posture import extent_m, tilt_rad
 from drop_physics.fields import counted, decimals, fraction
 from drop_physics.messages import Message, joined
-from drop_physics.rules.answer import Cure, Effect, Finding, Level, Scene, Span
+from drop_physics.rules.answer import Cure, Effect, Finding, Scene, Span
+from drop_physics.rules.codes import Level
 from drop_physics.rules.rows import Said
 from drop_physics.rules.rule import Rule
 from drop_physics.trace.states import BODY_LABEL

@@ -13,7 +13,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from drop_physics.experiments.run_distance import APART, Apart, Distance
-from drop_physics.rules.answer import LEVELS, Finding
+from drop_physics.rules.answer import Finding
+from drop_physics.rules.codes import LEVELS
 
 Verdict = Literal["cured", "part", "chaotic", "refuted", "void", "untried"]
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from drop_physics.rules.answer import Finding, Level
+from drop_physics.rules.answer import Finding
+from drop_physics.rules.codes import Level
 from drop_physics.rules.reference import reference_of
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from drop_physics.account.rows import AccountRow, RowTerm
 from drop_physics.account.touches import TouchTable
@@ -19,6 +19,7 @@ from drop_physics.messages import Message, joined
 from drop_physics.rules.body_properties import AskedOfBodies
 from drop_physics.rules.by_name import parameters
 from drop_physics.rules.chunk import LastStates, StepChunk
+from drop_physics.rules.codes import LEVELS, Level
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.placing import Placing
 from drop_physics.rules.target_columns import StandingTargets
@@ -31,10 +32,6 @@ from drop_physics.trace.history import Seen
 Proof = Literal["sum", "call", "trial", "none"]
 """How a finding is proved: by the sum of impulses; by a call or a file that requests one thing
 while the engine does another; or by a trial. Advice without a proof is only a proposal."""
-Level = Literal["broken", "asked", "model", "repeat", "note"]
-LEVELS: tuple[Level, ...] = get_args(Level)
-"""The levels, the gravest first: no longer physical; not what the script requested; correct for the
-engine, but perhaps not intended; may differ in another run; worth knowing."""
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,17 @@ import difflib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from drop_physics.account.rows import AccountRow
 from drop_physics.errors import ScenarioError
 from drop_physics.fields import alternatives
 from drop_physics.messages import Message
-from drop_physics.rules.answer import LEVELS, Finding, Level
-from drop_physics.rules.codes import CODES
+from drop_physics.rules.codes import CODES, LEVELS, Level
 from drop_physics.rules.thresholds import MINOR
+
+if TYPE_CHECKING:  # a command reads its options before it loads the analysis
+    from drop_physics.account.rows import AccountRow
+    from drop_physics.rules.answer import Finding
 
 MEANT = frozenset(("no-gravity",))
 """Codes of behaviour that may be intended; such a finding counts as minor even if there is no

@@ -1,7 +1,13 @@
-"""Descriptions of the codes and reasons of findings, in scripts and in drops."""
+"""Levels of findings, and descriptions of their codes and reasons, in scripts and in drops."""
 
 from __future__ import annotations
 
+from typing import Literal, get_args
+
+Level = Literal["broken", "asked", "model", "repeat", "note"]
+LEVELS: tuple[Level, ...] = get_args(Level)
+"""The levels, the gravest first: no longer physical; not what the script requested; correct for the
+engine, but perhaps not intended; may differ in another run; worth knowing."""
 CODES: dict[str, str] = {
     "actuatorfrcrange": "The joint lets through only a part of what its actuator gives.",
     "armature": "A joint is slow because its armature is far more than the inertia that it moves.",

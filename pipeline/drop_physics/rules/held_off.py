@@ -13,7 +13,8 @@ from drop_physics.explain.needs import PoseSupport
 from drop_physics.explain.targets import HeldTargets
 from drop_physics.messages import Message
 from drop_physics.quantities import effort
-from drop_physics.rules.answer import Cure, Level
+from drop_physics.rules.answer import Cure
+from drop_physics.rules.codes import Level
 from drop_physics.rules.joint import SPARE, aimed, units_of
 from drop_physics.trace.history import Seen
 from drop_physics.trace.motors import POSITION

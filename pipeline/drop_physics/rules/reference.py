@@ -10,8 +10,7 @@ from typing import Any
 
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Level
-from drop_physics.rules.codes import CODES
+from drop_physics.rules.codes import CODES, Level
 from drop_physics.rules.examples import CodeExample, examples
 from drop_physics.rules.sources import Limit, RuleTexts, texts_of
 from drop_physics.trace.cures import Cure

@@ -30,9 +30,10 @@ from typing import Any
 from drop_physics.account.rows import AccountRow
 from drop_physics.messages import Message
 from drop_physics.quantities import KINDS, Written
-from drop_physics.rules.answer import SCENE_TABLES, Cure, Effect, Level, Scene, Span, so_many
+from drop_physics.rules.answer import SCENE_TABLES, Cure, Effect, Scene, Span, so_many
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import size_m
+from drop_physics.rules.codes import Level
 from drop_physics.rules.engines import engine_of
 from drop_physics.rules.runs import Runs
 from drop_physics.trace.acts import Act

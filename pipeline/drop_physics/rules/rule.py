@@ -33,9 +33,10 @@ from numpy.typing import NDArray
 from drop_physics.account.rows import AccountRow
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.physics.vectors import distinct_rows, groups
-from drop_physics.rules.answer import Finding, Level, Proof, Scene, and_more
+from drop_physics.rules.answer import Finding, Proof, Scene, and_more
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.by_name import called
+from drop_physics.rules.codes import Level
 from drop_physics.rules.earlier import EarlierRows
 from drop_physics.rules.engines import BULLETS, engine_of
 from drop_physics.rules.joint import link_of, units

@@ -18,7 +18,7 @@ from typing import Any
 
 from drop_physics.messages import Message
 from drop_physics.rules import thresholds
-from drop_physics.rules.answer import LEVELS, Level
+from drop_physics.rules.codes import LEVELS, Level
 from drop_physics.rules.engines import MUJOCO, MUJOCOS
 from drop_physics.rules.every import RULES
 from drop_physics.rules.rows import SayingRow

@@ -7,13 +7,11 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
-
-if TYPE_CHECKING:
-    from drop_physics.rules.choice import Choice  # its module loads the rules
+from drop_physics.rules.choice import NEVER, Choice, level_of, picked
 
 FILE = "pyproject.toml"
 
@@ -57,8 +55,6 @@ class ProjectSettings:
         ScenarioError
             If there is no such code, or no such level.
         """
-        from drop_physics.rules.choice import NEVER, Choice, level_of, picked
-
         level = level_of(self.table.get("fail-on", NEVER), self.path)
         return Choice(
             picked(self.table.get("select"), self.table.get("ignore"), self.path),

@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -39,9 +38,6 @@ from drop_physics.stages.rerun.trials import Trials
 from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.trace.episodes import Episode, episodes_of, looked_at
 from drop_physics.trace.history import Seen, body_named, names_of_body
-
-if TYPE_CHECKING:
-    pass  # its module loads Rerun
 
 ANALYZING = Message("analyzing")
 _PARTS = 3

@@ -1,7 +1,7 @@
 """The command `record`: runs a script, and records everything that happens in its simulations.
 
 Loading Rerun takes as long as loading PyBullet, so both happen at the same time: here, and in the
-script.
+script. A command that analyzes the recording next loads the analysis then, too (`meanwhile`).
 """
 
 from __future__ import annotations
@@ -182,6 +182,8 @@ def record_script(asked: verbs.RecordArguments) -> Recorded:
         ):
             from drop_physics.recording.recorder import Recorder
 
+            if asked.meanwhile is not None:
+                asked.meanwhile()
             recorder = Recorder(
                 {schema.ORIGIN_PROPERTY: origin_of(program, digest)}, compared=asked.twice
             )

@@ -179,6 +179,9 @@ class RecordArguments(OfScript):
         "Called ten times a second with the simulated time [s] and the number of steps. Without "
         "it, a script without a limit that runs for a minute gets a note that says how to stop it.",
     ] = None
+    meanwhile: Annotated[
+        Callable[[], object] | None, "Called once, while the script's process starts."
+    ] = None
 
 
 @dataclass(frozen=True)
