@@ -366,6 +366,45 @@ def test_a_base_is_not_said_to_carry_what_gravity_compensation_does(told: Told) 
     assert not [row for row in told(arm) if row.kind == "held"]
 
 
+def test_a_friction_that_does_not_act_is_told_where_it_would_let_go(told: Told) -> None:
+    """On a slope of 15°, 0.05 would let a block slide, and 0.5 hold it, as the floor's 1 does."""
+    block = """<body name="{name}" pos="0 {y} 0.05"><freejoint/>
+    <geom type="box" size="0.05 0.05 0.05" friction="{mu}"/></body>"""
+    blocks = [block.format(name=n, y=y, mu=mu) for n, y, mu in (("wet", 0, 0.05), ("dry", 1, 0.5))]
+    slope = f"{G * math.sin(math.radians(15))} 0 {-G * math.cos(math.radians(15))}"
+    more = f"<option gravity='{slope}' cone='elliptic'/>"
+    rows = told("<geom type='plane' size='5 5 1'/>" + "".join(blocks), more, steps=200)
+    (row,) = [row for row in rows if row.kind == "idle"]
+    assert (
+        "the friction 0.05 of wet does not act: the contact has the greater of both, 1" in row.told
+    )
+    reached = float(re.findall(r"reaches ([\d.]+)", row.told)[0])
+    assert reached == pytest.approx(math.tan(math.radians(15)), abs=0.01)
+
+
+def test_a_start_is_told_in_both_orders_of_its_quaternion_and_in_both_frames(told: Told) -> None:
+    world = """<body name="sat" pos="0 0 1" quat="{w} {x} {y} {z}"><freejoint/>
+    <geom type="box" size="0.1 0.2 0.3"/></body>"""
+    c, s = math.cos(0.25), math.sin(0.25)
+    none = "<option gravity='0 0 0'/>"
+    spin = "data.qvel[3:6] = (0, 0, 2) if not step else data.qvel[3:6]"
+    (row,) = [
+        row
+        for row in told(world.format(w=c, x=0, y=s, z=0), none, spin, 100)
+        if row.kind == "turned"
+    ]
+    across = 2 * math.sin(0.5), 2 * math.cos(0.5)
+    assert "(0, 0, 2) rad/s in its own axes" in row.told
+    assert f"({across[0]:.3g}, 0, {across[1]:.3g}) rad/s in the world's" in row.told
+    assert "w last" not in row.told
+    (row,) = [
+        row
+        for row in told(world.format(w=0, x=s, y=0, z=c), none, spin, 100)
+        if row.kind == "turned"
+    ]
+    assert f"with w last the same numbers are {math.degrees(0.5):.3g}° about y" in row.told
+
+
 SWING = """<body name="upper" pos="0 0 2"><joint name="shoulder" axis="0 1 0"/>
 <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.02" mass="2"/>{site}
 <body name="lower" pos="0.4 0 0"><joint name="elbow" axis="0.6 0.8 0" damping="0.3"/>

@@ -170,6 +170,7 @@ def rows_of(tmp_path: Path, fault: str) -> list[AccountRow]:
     some(
         [
             ("order = [1, 0]", "its control follows b, not a"),
+            ("kd = kd[:, ::-1]", "its control takes the position of a and the rate of b"),
             ("late = 2", "its control is late: of the state 0.04 s before (2 × 0.02 s)"),
             (
                 "late, kp, kd = 2, np.array([[3.0, 1.0], [1.0, 3.0]]), np.array([[0.3, 0.1]] * 2)",

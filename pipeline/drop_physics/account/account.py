@@ -164,6 +164,7 @@ class Account:
                     self._written[number],
                     opposed(subject, self._joints.series(number), words),
                     words,
+                    w_first=self._seen.w_first,
                 )
             total = totals.get(number)
             if total is not None and total.covered:
@@ -271,6 +272,7 @@ class Account:
                     before.orientation[0].copy(),
                     before.position_m[0].copy(),
                     int(steps.steps[0]),
+                    before.velocity[0, :3].copy(),
                 )
             track.add(steps.steps, before, steps.after)
 

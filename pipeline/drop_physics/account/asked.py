@@ -300,6 +300,8 @@ def torque_row(
         most = float(np.max(np.abs(drive[known]) / ledger.seconds[known]))
         if abs(given) < FEEBLE * most:
             told = told + Message(", at most {most}", most=quantity(most, axis.force_unit))
+            if not ledger.covers(ledger.window(ledger.first, ledger.last)):
+                told = told + Message(" in the steps that are explained")
         if ledger.width == 1 and len(acting) < FEW * len(series):
             told = told + Message(
                 "; it acts in {acting:,} of {steps:,} steps", acting=len(acting), steps=len(series)

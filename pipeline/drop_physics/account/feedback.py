@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -35,6 +36,8 @@ DEGREES = 0.0, 1 / 3, 2 / 3
 LEFT, APART = 1e-3, 30.0
 """Maximum share of a control that the right joint leaves unexplained, and factor by which all other
 joints leave more."""
+LEAST_LEFT = 1e-9
+"""Share of a control below which what is left is rounding error."""
 NEAR = 10.0
 """Factor on LEFT for a first test, which uses only controls with a state at every delay."""
 SAME = 0.01
@@ -56,6 +59,8 @@ class Feedback:
     """Fitted gain K, per rad or m."""
     damping: float
     """Fitted damping D, per rad/s or m/s."""
+    damped: int | None = None
+    """Index of the joint whose rate enters the control, where it is not `joint`."""
 
 
 def feedback_of(control: Float64, position: Float64, rate: Float64) -> Feedback | None:
@@ -110,6 +115,32 @@ def _fitted(
     small = np.abs(gains) * np.linalg.norm(columns, axis=0) < LEFT * size
     stiffness, damping = np.where(small, 0.0, -gains).tolist()
     return Feedback(joint, late, stiffness, damping)
+
+
+def crossed_feedback_of(
+    control: Float64, position: Float64, rate: Float64, own: int
+) -> Feedback | None:
+    """Find a control of a joint's own position and another joint's rate, as of a wrong index.
+
+    The arrays are those of `feedback_of`; `own` is the index of the joint.
+    """
+    kept = ~_extreme(control)
+    size = float(np.linalg.norm(control[kept] - control[kept].mean())) if kept.any() else 0.0
+    for share in DEGREES:
+        aim, rows = _aim(kept, 0, share)
+        if not len(rows):
+            continue
+        y, q, v = (_without(aim, each) for each in (control[rows], position[rows], rate[rows]))
+        if np.linalg.norm(y) <= 10 * LEFT * size:
+            continue
+        left = _left(y, q[:, [own]].repeat(q.shape[1], axis=1), v) / size
+        damped = int(np.argmin(left))
+        # Without the other's rate, and with that of any third joint, the control is not explained.
+        others = [*np.delete(left, damped), float(_left(y, q[:, [own]], q[:, [own]])[0]) / size]
+        best = max(float(left[damped]), LEAST_LEFT)
+        if damped != own and best < LEFT and min(others) > APART * best:
+            return Feedback(own, 0, 0.0, 0.0, damped)
+    return None
 
 
 def _of_whole_state(
@@ -216,6 +247,7 @@ class GivenControls:
         self._limit(controls)
         position, rate = self._series.before[at], self._series.rate[at - 1]
         known = np.flatnonzero(np.isfinite(position).all(axis=0) & np.isfinite(rate).all(axis=0))
+        last = _unbroken(self._series.before[:, known], self._series.after[:, known], at)
         for actuator, given in controls.items():
             own, control = body.rate_of(actuator), given[at]
             if actuator.kind not in ("motor", "general"):
@@ -225,14 +257,15 @@ class GivenControls:
             assert own is not None
             if (row := self._bounded(actuator, own, control)) is not None:
                 yield row
-            last = slice(max(0, len(at) - MOST), None)
-            states = position[last][:, known], rate[last][:, known]
-            found = feedback_of(control[last], *states)
-            if found is None:
-                found = _of_whole_state(control[last], *states, int(np.searchsorted(known, own)))
+            states, its = (position[last][:, known], rate[last][:, known]), [*known].index(own)
+            found = (
+                feedback_of(control[last], *states)
+                or crossed_feedback_of(control[last], *states, its)
+                or _of_whole_state(control[last], *states, its)
+            )
             if found is None:
                 continue
-            row = self._misled(actuator, own, int(known[found.joint]), found, at, period)
+            row = self._misled(actuator, own, found, known, at, period)
             if row is not None:
                 yield row
             elif found.stiffness:
@@ -280,8 +313,8 @@ class GivenControls:
         self,
         actuator: Actuator,
         own: int,
-        joint: int,
         found: Feedback,
+        known: Int64,
         at: Int64,
         period: int,
     ) -> AccountRow | None:
@@ -289,13 +322,21 @@ class GivenControls:
         names, body = self._words.names, self._subject.body
         steps = self._series.steps[at[:1]]
         late_s = found.late * period * float(self._words.timesteps_s(self._subject, steps)[0])
+        joint = int(known[found.joint])
         if joint != own:
             told = Message(
                 "its control follows {other}, not {own}",
                 other=names.rate(body, joint),
                 own=names.rate(body, own),
             )
-            return self._row(actuator, own, told, 30.0, ("follows",), late_s, "s")
+            return self._row(actuator, own, told, 1e3, ("follows",), late_s, "s")
+        if found.damped is not None:
+            told = Message(
+                "its control takes the position of {own} and the rate of {other}",
+                own=names.rate(body, own),
+                other=names.rate(body, int(known[found.damped])),
+            )
+            return self._row(actuator, own, told, 1e3, ("damped",), late_s, "s")
         if found.late:
             told = Message(
                 "its control is late: of the state {late} before ({controls} × {every})",
@@ -333,6 +374,18 @@ class GivenControls:
             subject=self._subject.body,
             group=(*group, self._subject.kind),
         )
+
+
+def _unbroken(before: Float64, after: Float64, at: Int64) -> slice:
+    """Return the last controls between which every state follows from the one before.
+
+    `before` and `after` are the positions around each step, shape (n, joints); `at` has the steps
+    in which a control changes. A state that was set, or reset, breaks the sequence.
+    """
+    breaks = 1 + np.flatnonzero((before[1:] != after[:-1]).any(axis=1))
+    edges = [0, *np.searchsorted(at, breaks, side="right").tolist(), len(at)]
+    begin, end = max(pairwise(edges), key=lambda spell: (min(spell[1] - spell[0], MOST), spell))
+    return slice(max(begin, end - MOST), end)
 
 
 def _updates(controls: Mapping[Actuator, Float64]) -> tuple[Int64, int] | None:

@@ -12,7 +12,12 @@ from drop_physics.account.ledger import OWN, Ledger, given_and_taken
 from drop_physics.account.rows import AccountRow, RowTerm, magnitude
 from drop_physics.account.series import BaseTrack, JointSeries
 from drop_physics.account.shaped import mass_outside, too_inert
-from drop_physics.account.starting import starts_beyond, turned_at_start
+from drop_physics.account.starting import (
+    base_at_start,
+    spins_at_start,
+    starts_beyond,
+    turned_at_start,
+)
 from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import CONTACT, FRICTION, HELD, Term
 from drop_physics.account.words import LEAST_SHARE, RowWords
@@ -304,11 +309,13 @@ def base_rows(
     written: WrittenStates,
     commanded: Message,
     words: RowWords,
+    *,
+    w_first: bool,
 ) -> Iterator[AccountRow]:
     """Yield rows for the path and the rotation of a floating base, with the terms behind them.
 
     `written` are the states that the script wrote; `commanded` describes joint commands that turn
-    the base.
+    the base; `w_first` says whether the engine's quaternions begin with w.
     """
     way = track.farthest_m - track.start_m
     distance = float(np.linalg.norm(way))
@@ -320,11 +327,12 @@ def base_rows(
     rows = [] if row is None else [row]
     if not rows and distance / subject.size_m > MOVED and track.farthest_step >= 0:
         rows += _ways(subject, track, way, gravity_m_s2, written, words)
-    if track.most_turned_rad > TURNED_RAD:
-        turn = _turn(subject, track, written, words)
-        rows.append(replace(turn, told=turn.told + commanded))
     frame = words.names.base_frame(subject.body.number)
-    started = turned_at_start(track.start_orientation, frame) + too_inert(subject)
+    base = base_at_start(track.start_orientation, frame)
+    if track.most_turned_rad > TURNED_RAD:
+        turn = _turn(subject, track, written, base, words)
+        rows.append(replace(turn, told=turn.told + commanded))
+    started = turned_at_start(base, w_first=w_first) + too_inert(subject)
     started = started + _size(subject) + _untouched(subject, track, gravity_m_s2)
     first = max(rows, key=lambda each: each.salience, default=None)
     for each in rows:
@@ -441,8 +449,13 @@ def _along_axes(way: Float64, far: float) -> str:
 
 
 def _turn(
-    subject: MeasuredBody, track: BaseTrack, written: WrittenStates, words: RowWords
+    subject: MeasuredBody,
+    track: BaseTrack,
+    written: WrittenStates,
+    base: Float64 | None,
+    words: RowWords,
 ) -> AccountRow:
+    """Return the row for a base's rotation; `base` is the orientation of its axes at the start."""
     ledger, step, angle_rad = subject.ledger, track.most_turned_step, track.most_turned_rad
     spun_rad = float(np.linalg.norm(track.most_spun_rad))
     if spun_rad > np.pi and not written.way.any():
@@ -458,7 +471,15 @@ def _turn(
     )
     if track.end_rad_s > 0.05:
         told = told + Message("; still {spin} rad/s at the end", spin=number(track.end_rad_s))
-    told = told + _from_start(ledger, [0, 1, 2], window, written, step)
+    if unforced := _from_start(ledger, [0, 1, 2], window, written, step):
+        told = told + unforced
+        least_j = ROUND * ledger.mean_kinetic_j([0, 1, 2], window)
+        gave, took = (
+            {term: work for term, work in side.items() if abs(work) > least_j}
+            for side in (gave, took)
+        )
+        if written.first_step is None or written.first_step > step:
+            told = told + spins_at_start(base, track.start_rad_s)
     told = told + _pressed_beside(subject, window, words) + mass_outside(subject)
     return AccountRow(
         kind="turned",

@@ -115,6 +115,8 @@ class BaseTrack:
     """The position farthest from the first one [m], shape (3,)."""
     first_step: int
     """The first step of the body since it was loaded for the last time."""
+    start_rad_s: Float64
+    """First angular velocity in world axes, shape (3,)."""
     farthest_step: int = -1
     most_turned_rad: float = 0.0
     most_turned_step: int = -1

@@ -7,7 +7,7 @@ import numpy as np
 from drop_physics.account.names import main_axis
 from drop_physics.arrays import Float64
 from drop_physics.messages import Message, joined
-from drop_physics.physics.rotations import products, rotation_vectors
+from drop_physics.physics.rotations import products, rotate, rotation_vectors
 from drop_physics.quantities import number, quantity
 from drop_physics.trace.events import Joint
 
@@ -20,16 +20,30 @@ ROUND = 1e-6
 """Distance from the end of a range below which a position counts as inside [rad] or [m]."""
 
 
-def turned_at_start(orientation: Float64, frame: Float64 | None) -> Message:
-    """Describe the rotation with which a floating base starts; nothing if that is negligible.
+INVERSE = np.array([-1.0, -1.0, -1.0, 1.0])
+"""Signs that make a unit quaternion x, y, z, w its inverse."""
+
+
+def base_at_start(orientation: Float64, frame: Float64 | None) -> Float64 | None:
+    """Return the orientation of a base's own axes in the world, shape (4,); None if unknown.
 
     `orientation` is that of the base's inertia in the world, and `frame` that of the inertia in the
-    base: unit quaternions x, y, z, w, shape (4,); `frame` is None if unknown.
+    base: unit quaternions x, y, z, w, shape (4,).
     """
     if frame is None or not frame.any() or not np.isfinite(frame).all():
+        return None
+    return np.asarray(products(orientation[None], (frame * INVERSE)[None])[0])
+
+
+def turned_at_start(base: Float64 | None, *, w_first: bool) -> Message:
+    """Describe the rotation with which a floating base starts; nothing if that is negligible.
+
+    `base` is the orientation as of `base_at_start`. `w_first` says whether the engine's quaternions
+    begin with w.
+    """
+    if base is None:
         return Message("")
-    base = products(orientation[None], (frame * [-1.0, -1.0, -1.0, 1.0])[None])
-    turned = rotation_vectors(UPRIGHT, base)[0]
+    turned = rotation_vectors(UPRIGHT, base[None])[0]
     angle = float(np.linalg.norm(turned))
     if angle < LEAST_RAD:
         return Message("")
@@ -37,10 +51,56 @@ def turned_at_start(orientation: Float64, frame: Float64 | None) -> Message:
     about: str = main_axis(axis)
     if np.abs(axis).max() < ALONG:
         about = f"({joined(', ', [number(float(each)) for each in axis])})"
-    return Message(
+    told = Message(
         "; it starts turned by {angle}° about {axis}",
         angle=number(float(np.degrees(angle))),
         axis=about,
+    )
+    return told + _in_other_order(base, w_first=w_first)
+
+
+def _in_other_order(base: Float64, *, w_first: bool) -> Message:
+    """Describe half a turn as its quaternion reads with w at the other end, or nothing.
+
+    A turn about an axis of the world that is written in the wrong order becomes half a turn about
+    an axis between two others.
+    """
+    x, y, z, w = base
+    other = np.array([0.0, x, y, z] if w_first else [y, z, 0.0, x])
+    turned = rotation_vectors(UPRIGHT, other[None])[0]
+    angle, parts = float(np.linalg.norm(turned)), np.abs(base[:3])
+    if abs(w) > ROUND or parts.max() > ALONG or angle < LEAST_RAD:
+        return Message("")
+    if np.abs(turned).max() < ALONG * angle:
+        return Message("")
+    told = {"angle": number(float(np.degrees(angle))), "axis": main_axis(turned / angle)}
+    if w_first:
+        return Message(
+            ": the engine takes w first; with w last the same numbers are {angle}° about {axis}",
+            **told,
+        )
+    return Message(
+        ": the engine takes w last; with w first the same numbers are {angle}° about {axis}", **told
+    )
+
+
+def spins_at_start(base: Float64 | None, spin_rad_s: Float64) -> Message:
+    """Describe an initial angular velocity in both frames, if the base starts turned; else nothing.
+
+    `spin_rad_s` is in world axes, shape (3,).
+    """
+    if base is None or np.linalg.norm(rotation_vectors(UPRIGHT, base[None])[0]) < LEAST_RAD:
+        return Message("")
+    own = rotate((base * INVERSE)[None], spin_rad_s[None])[0]
+    least = LEAST_RAD * float(np.linalg.norm(spin_rad_s))
+    if np.abs(own - spin_rad_s).max() <= least:
+        return Message("")
+    its, worlds = (
+        joined(", ", [number(float(each) if abs(each) > least else 0.0) for each in axes])
+        for axes in (own, spin_rad_s)
+    )
+    return Message(
+        ", ({own}) rad/s in its own axes and ({world}) rad/s in the world's", own=its, world=worlds
     )
 
 

@@ -26,6 +26,10 @@ PRESSING = 0.8
 UNLIKE = 1e3
 """Ratio of two masses in contact from which rows state it: iterative solvers converge slowly."""
 TURNING_RAD_S = 0.05
+DEFAULT_FRICTION = 1.0
+"""The coefficient of a MuJoCo geom for which a file gives none."""
+OUTDONE = 2.0
+"""The salience of a friction coefficient that does not act."""
 STEADY = 1.5
 """Maximum factor between a steady rotation rate and the rate shortly before."""
 
@@ -188,6 +192,45 @@ def _origin(key: PairKey, touched: TouchedLinks, seen: Seen) -> Message:
     return Message("")
 
 
+def _outdone_row(
+    key: PairKey, touched: TouchedLinks, subject: MeasuredBody, seen: Seen, words: RowWords
+) -> AccountRow | None:
+    """Return the row for a link's friction coefficient that the other's, a greater one, replaces.
+
+    There is none where the lesser coefficient would have held the links, too, or is the default.
+    """
+    sides = key[::2], key[1::2]
+    both = [_friction(seen, body, link) for body, link in sides]
+    if both[0] is None or both[1] is None or not touched.rubs:
+        return None
+    lesser = int(both[1] < both[0])
+    least, most, reached = both[lesser], both[1 - lesser], touched.used * touched.friction
+    assert least is not None
+    assert most is not None
+    if not np.isclose(touched.friction, most) or least == DEFAULT_FRICTION:
+        return None
+    if reached <= least or np.isclose(reached, least):
+        return None
+    return AccountRow(
+        kind="idle",
+        pair=words.names.pair(key),
+        told=Message(
+            "the friction {least} of {link} does not act: the contact has the greater of both, "
+            "{most}; friction reaches {reached} of the normal force",
+            least=number_of(least),
+            link=words.names.link(*sides[lesser]),
+            most=number_of(most),
+            reached=number_of(reached),
+        ),
+        asked=least,
+        got=touched.friction,
+        step=touched.last_step,
+        salience=OUTDONE,
+        group=("outdone", subject.kind, least, most),
+        subject=subject.body,
+    )
+
+
 def _friction(seen: Seen, body: int, link: int) -> float | None:
     """Return the last reported coefficient of friction of a link; None if it is not known."""
     reported = [
@@ -271,6 +314,9 @@ def _rows(
             group=("press", kinds, round(float(np.log10(max(weights, 1e-9))))),
             subject=lighter.body,
         )
+    outdone = _outdone_row(key, touched, lighter, seen, words)
+    if outdone is not None:
+        yield outdone
     slid = touched.slid_m / size_m
     if slid > SLID and normal_n > 0:
         if not touched.rubs:

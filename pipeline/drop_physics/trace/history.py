@@ -192,6 +192,11 @@ class Seen:
         return next((each.engine for each in self.settings if each.engine), DEFAULT_ENGINE)
 
     @property
+    def w_first(self) -> bool:
+        """Whether the engine's quaternions begin with w; PyBullet's end with it."""
+        return self.engine != DEFAULT_ENGINE
+
+    @property
     def moving(self) -> list[int]:
         """Ids of the bodies that can move."""
         return [number for number, body in self.bodies.items() if body.moving]
