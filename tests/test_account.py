@@ -17,7 +17,8 @@ import mujoco
 import numpy as np
 import pytest
 from conftest import some
-from drop_physics.account.rows import KINDS, AccountRow
+from drop_physics.account.ranking import ranked
+from drop_physics.account.rows import KINDS, AccountRow, RowTerm
 from drop_physics.analysis.citing import citing
 from drop_physics.analysis.results import Analysis
 from drop_physics.errors import ScenarioError
@@ -1260,6 +1261,53 @@ def test_forces_are_no_multiple_of_a_weight_that_does_not_act(told: Told) -> Non
     assert "11.2 times the weight of ball" in row.told
 
 
+def test_a_weight_is_that_of_the_body_that_is_named(told: Told) -> None:
+    """The first link of an arm has the arm's name, and weighs a third of it."""
+    world = """<body name="arm" pos="0 0 1"><joint axis="0 0 1"/><geom size="0.05" mass="1"/>
+    <body pos="0.2 0 0"><joint name="way" type="slide" axis="1 0 0"/>
+    <geom size="0.05" mass="2"/></body></body>
+    <geom type="box" pos="0.3 0 1" size="0.05 0.2 0.2"/>"""
+    more = "<actuator><motor joint='way'/></actuator>"
+    (row,) = [row for row in told(world, more, "data.ctrl[0] = 900") if row.kind == "press"]
+    assert row.got is not None
+    assert f"{row.got / (3 * G):.3g} times the weight of all that moves of 1_arm" in row.told
+
+
+def test_a_stack_is_told_with_the_weight_that_it_carries(told: Told) -> None:
+    box = "<body name='b{}' pos='0 0 {}'><freejoint/><geom type='box' size='.2 .2 .05' mass='1'/>"
+    boxes = "".join(box.format(k, 0.05 + 0.1 * k) + "</body>" for k in range(10))
+    rows = told("<geom type='plane' size='1 1 .1'/>" + boxes)
+    row = the(rows, "press", "world × b0")
+    assert f"10 times the weight of b0 (all free bodies weigh {10 * G:.3g} N)" in row.told
+
+
+def test_rows_whose_causes_act_on_opposite_sides_are_not_merged() -> None:
+    push, brake = (
+        RowTerm(cause=cause, words=cause, value=value, unit="N", towards=value > 0)
+        for cause, value in (("contact", 5.0), ("friction", -4.0))
+    )
+    held = [
+        AccountRow(kind="held", body=name, told="held", terms=terms, salience=1.0, group="alike")
+        for name, terms in (
+            ("a", (push, brake)),
+            ("b", (replace(push, value=-5.0, towards=False), brake)),
+            ("c", (brake,)),
+        )
+    ]
+    assert [(row.body, row.alike) for row in ranked(held, ())] == [("a", 1), ("b", 0)]
+
+
+def test_rounding_is_no_term(told: Told) -> None:
+    """A cylinder that spins about an axis of its own needs no gyroscopic force."""
+    world = """<body><freejoint name="free"/>
+    <geom type="cylinder" size="0.2 0.05" mass="3"/></body>"""
+    more = "<option gravity='0 0 0' integrator='RK4'/>"
+    before = "if step == 0: data.qpos[3:7], data.qvel[4] = [0.8, 0.6, 0, 0], 2"
+    row = the(told(world, more, before), "turned", "0_body1")
+    assert not row.terms
+    assert "its start velocity" in row.told
+
+
 def test_bodies_that_move_opposite_ways_are_rows_of_their_own(told: Told) -> None:
     """A ball takes the motion of an equal one, which stops: nothing is alike but their kind."""
     ball = "<body name='{}' pos='{} 0 0'><freejoint/><geom size='0.1' mass='1'/></body>"
@@ -1433,6 +1481,10 @@ def test_a_reset_by_the_engine_is_told_with_what_acted_before(told: Told) -> Non
     (row,) = [row for row in told(arm, more, before) if "the engine resets" in row.told]
     assert row.terms[0].cause == f"actuator {row.joint}"
     assert abs(row.terms[0].value) > 0.5 * 200 * 30
+    # The three steps before the reset, over which the force is averaged, are told.
+    assert row.time_s is not None
+    ends_s = [float(each) for each in re.findall(r"([0-9.]+) s", row.mean)]
+    assert ends_s == pytest.approx([row.time_s - 0.006, row.time_s - 0.002], abs=2e-4)
 
 
 def test_a_joint_that_follows_another_is_told_with_the_factor(told: Told) -> None:

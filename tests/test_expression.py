@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from drop_physics.engines.watching.expected import ExpectationEvaluator
 from drop_physics.engines.watching.expression import Expression
-from drop_physics.engines.watching.observed import Observed, UnknownNameError
+from drop_physics.engines.watching.observed import Observed, UnknownNameError, found
 from drop_physics.engines.watching.series import FUNCTIONS, series_of
 
 TIMES_S = [0.1, 0.2, 0.3, 0.4]
@@ -158,6 +158,14 @@ def test_an_unknown_name_is_told_with_the_nearest() -> None:
     error = run_of("z('bal') > 2")["error"]
     assert (error["unknown"], error["nearest"][0]) == ("bal", "ball")
     assert len(error["nearest"]) <= 5
+
+
+def test_a_label_names_a_body_by_its_id_or_by_a_name_that_no_other_has() -> None:
+    known = {"ball": 1, "1_ball": 1, "2_ball": 2, "box": 3, "3_box": 3}
+    assert [found(each, known) for each in ("2_ball", "ball", "7_box")] == [2, 1, 3]
+    for name in ("7_ball", "1_cone", "_box"):
+        with pytest.raises(UnknownNameError):
+            found(name, known)
 
 
 def test_how_everything_moved_is_kept_at_few_of_many_steps() -> None:

@@ -278,7 +278,7 @@ def test_of_nothing_found_it_is_said_what_was_looked_at(tmp_path: Path) -> None:
     analysis = analyze(tmp_path / "ball.rrd")
     assert not analysis.findings
     for shown in (str(analysis), analysis.markdown(), analysis.markdown(at_the_end=True)):
-        assert "no finding in 1 body, 0 joints, 3 steps" in shown
+        assert "no finding in 1 body, 0 movable joints, 3 steps" in shown
         assert "second look" not in shown
 
 

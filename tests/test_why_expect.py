@@ -172,6 +172,39 @@ def test_a_constraint_that_is_too_weak_is_found_though_the_script_disconnects(
 ASSERTS = SLIDES.replace('print("slid", slid)', 'assert slid < 0.08, "too far"')
 
 
+@pytest.mark.pybullet
+def test_bodies_have_the_names_that_reports_show(tmp_path: Path) -> None:
+    """Two spheres share a name, so that only their labels tell them apart."""
+    script = """
+import pybullet as p
+import pybullet_data
+p.connect(p.DIRECT)
+p.setAdditionalSearchPath(pybullet_data.getDataPath())
+p.loadURDF("plane.urdf")
+p.loadURDF("r2d2.urdf", [0, 0, 4])
+ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1)
+for height in (2, 3):
+    p.createMultiBody(1, ball, -1, [5, 0, height])
+other = p.connect(p.DIRECT)
+p.loadURDF("plane.urdf", [0, 0, -7], physicsClientId=other)
+p.loadURDF("cube.urdf", [0, 0, 9], physicsClientId=other)
+for client in (0, other):
+    p.stepSimulation(client)
+"""
+    told = " and ".join(
+        (
+            "1 < z('2_sphere') < 2.5 < z('3_sphere') < 3.5 < z('1_r2d2') < 4.5",
+            "z('r2d2') == z('1_r2d2') and abs(joint('1_r2d2.head_swivel')) < 1e-3",
+            "force('2_sphere', '3_sphere') == 0 and 8.5 < z('5_cube') == z('cube')",
+        )
+    )
+    _, found, _ = why(tmp_path, script, "--expect", told)
+    assert found["expectation"]["holds"]
+    # Either simulation has a plane, and the engine gives both the same id.
+    code, found, _ = why(tmp_path, script, "--expect", "z('0_plane') < 1")
+    assert (code, "names 0_plane" in found["error"]) == (2, True)
+
+
 @pytest.mark.long
 def test_an_assert_that_fails_says_what_is_expected(tmp_path: Path) -> None:
     code, found, _ = why(tmp_path, ASSERTS, "--try", "geom_friction *10", "--try", "friction=8")

@@ -290,6 +290,7 @@ ANALYSIS = _object(
     by_body=None,
     contact_j=None,
     curves=None,
+    stepped=None,
     sources=None,
 )
 ANALYSIS = ANALYSIS._replace(
@@ -320,6 +321,7 @@ SCRIPT_ANALYSIS = _object(
     rows=None,
     by_body=None,
     curves=None,
+    stepped=None,
     sources=None,
 )
 SUMMARY = _object(summary.Summary)

@@ -11,6 +11,8 @@ LARGE, HUGE = 1e3, 1e7
 """Numbers have no decimals from LARGE on, and are written in powers of ten from HUGE on."""
 
 
+ROUNDED = 1e-12
+"""Share of the largest number of a sum below which another one is rounding error."""
 DIGITS = 3
 """Default number of significant digits."""
 
@@ -29,6 +31,11 @@ def number(value: float, sign: str = "", digits: int = DIGITS) -> str:
     if LARGE <= abs(value) < HUGE:
         return f"{value:{sign},.{max(0, digits - len(str(int(abs(value)))))}f}"
     return f"{value + 0.0:{sign}.{digits}g}"
+
+
+def rounded_off(value: float, largest: float) -> float:
+    """Return a number of a sum, or 0 if it is rounding error beside the sum's largest number."""
+    return value if abs(value) > ROUNDED * abs(largest) else 0.0
 
 
 # -- as findings write them ----------------------------------------------------------------------

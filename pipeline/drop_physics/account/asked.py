@@ -172,6 +172,7 @@ def position_row(
         step=int(steps[at]),
         at_limit=at_limit,
         terms=terms,
+        mean=words.mean(subject, axis.rate, window),
         salience=salience,
         subject=subject.body,
         group=("position", subject.kind, words.opposing(forces), magnitude(salience)),
@@ -229,6 +230,7 @@ def rate_row(
         step=int(steps[at]),
         at_limit=at_limit,
         terms=words.terms(subject, forces, axis.force_unit, drives=DRIVES),
+        mean=words.mean(subject, axis.rate, window),
         salience=float(np.abs(lost).max()) / (float(np.abs(wanted).max()) + 0.1 * axis.scale),
         subject=subject.body,
         group=("rate", subject.kind, round(aim, 3), along, str(off), words.opposing(forces)),
@@ -269,7 +271,8 @@ def torque_row(
         if len(broken) and Term("gravity") in ledger.impulse:
             begins, is_broken = int(broken[0]), True
     lasts = max(3, len(acting) // 50)
-    forces = ledger.forces(axis.rate, slice(begins, begins + lasts))
+    window = slice(begins, begins + lasts)
+    forces = ledger.forces(axis.rate, window)
     given = sum(force for term, force in forces.items() if words.drives(term, COMMANDED))
     sign = float(np.sign(given)) or 1.0
     forces = {term: force * sign for term, force in forces.items()}
@@ -288,7 +291,7 @@ def torque_row(
     if forces:
         mean = {
             "force": quantity(given, axis.force_unit, "+" if given else ""),
-            "steps": int(ledger.counts[begins : begins + lasts].sum()),
+            "steps": int(ledger.counts[window].sum()),
             "time": words.time(subject, ledger.first + begins * ledger.width),
         }
         told = told + (
@@ -317,6 +320,7 @@ def torque_row(
         unit=axis.force_unit,
         step=step,
         terms=words.terms(subject, forces, axis.force_unit, drives=COMMANDED),
+        mean=words.mean(subject, axis.rate, window),
         salience=max(min(way / axis.scale, 1.0) * 0.6, cancelled * 0.7 if still else 0.0),
         subject=subject.body,
         group=("torque", subject.kind, words.opposing(forces), still),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drop_physics.account.read import mass_beyond_kg
-from drop_physics.account.rows import AccountRow
+from drop_physics.account.rows import AccountRow, magnitude
 from drop_physics.account.subjects import MeasuredBody
 from drop_physics.arrays import Float64
 from drop_physics.explain.steps import BodySteps
@@ -92,7 +92,7 @@ class Carried:
             step=ledger.last,
             salience=LEAST,
             subject=body,
-            group=("carried", subject.kind),
+            group=("carried", subject.kind, rest_n > 0, magnitude(rest_n / weight_n)),
         )
 
     def _told(self, base_n: float, weight_n: float, rest_n: float, line: str | None) -> Message:
@@ -130,11 +130,16 @@ def across_joints(
     """
     body, ledger = subject.body, subject.ledger
     sizes_n = np.linalg.norm(across.force_n, axis=1)
-    for joint, place in zip(body.joints, body.rates, strict=True):
-        if place.start == place.stop or not np.isfinite(sizes_n[joint.link]):
-            continue
-        if of_base and joint.parent == BASE:
-            continue
+    joints = [
+        joint
+        for joint, place in zip(body.joints, body.rates, strict=True)
+        if place.start < place.stop
+        and np.isfinite(sizes_n[joint.link])
+        and not (of_base and joint.parent == BASE)
+    ]
+    # The row of the largest force stands for the others.
+    others = Message("; no other joint transmits more") if len(joints) > 1 else Message("")
+    for joint in joints:
         force_n = float(sizes_n[joint.link])
         weight_n = mass_beyond_kg(subject, {joint.link}) * subject.pull_m_s2
         torque_n_m = float(np.linalg.norm(across.torque_n_m[joint.link]))
@@ -146,7 +151,8 @@ def across_joints(
             + (Message(" and {torque}", torque=quantity(torque_n_m, "N m")) if turns else "")
             + Message(
                 " at the end; the links beyond it weigh {weight}", weight=quantity(weight_n, "N")
-            ),
+            )
+            + (others if force_n == sizes_n[[each.link for each in joints]].max() else ""),
             asked=weight_n,
             got=force_n,
             unit="N",

@@ -38,26 +38,30 @@ def engine_reset_rows(subject: MeasuredBody, seen: Seen, words: RowWords) -> Ite
     unit = ("N m" if rate < BASE_RATES // 2 else "N") if axis is None else axis.force_unit
     step = first.at.step
     last = (step - ledger.first) // ledger.width  # the bin of the step that is not explained
-    forces = ledger.forces(rate, slice(max(0, last - BEFORE), last))
+    window = slice(max(0, last - BEFORE), last)
+    forces = ledger.forces(rate, window)
     sign = float(np.sign(-forces.get(OWN, 0.0))) or 1.0
     acting = {term: sign * each for term, each in forces.items() if term.cause not in INERTIAL}
     terms = words.terms(subject, acting, unit, drives=DRIVES)
     if not terms:
         return
     count = sum(each.steps for each in warnings)
+    mean = words.mean(subject, rate, window)
     yield AccountRow(
         kind="set",
         joint=None if axis is None else axis.name,
         told=Message(
             "the engine resets the state in {count:,} steps, first in step {step:,}; before that "
-            "these forces act on average",
+            "these forces act {mean}",
             count=count,
             step=step,
+            mean=mean or Message("on average"),
         ),
         got=float(count),
         unit="steps",
         step=step,
         terms=terms,
+        mean=mean,
         salience=1.2,
         subject=subject.body,
     )

@@ -146,7 +146,8 @@ def _resting(
     has switched the motor off and no force acts along the joint nevertheless.
     """
     k, ledger = axis.joint_rate, subject.ledger
-    forces = ledger.forces(axis.rate, ledger.window(ledger.first, ledger.last))
+    whole = ledger.window(ledger.first, ledger.last)
+    forces = ledger.forces(axis.rate, whole)
     motor = forces.get(Term("motors"), 0.0)
     others = sum(abs(force) for term, force in forces.items() if term.cause != "motors")
     least = STRAINED * subject.weight_n * axis.scale
@@ -176,6 +177,7 @@ def _resting(
         unit=axis.unit,
         step=ledger.last,
         terms=words.terms(subject, forces, axis.force_unit) if held else (),
+        mean=words.mean(subject, axis.rate, whole),
         salience=RESTS,
         subject=subject.body,
         group=("resting", subject.kind, held),
@@ -296,6 +298,7 @@ def _held(
         unit=pushed.force_unit,
         step=step,
         terms=words.terms(subject, forces, pushed.force_unit),
+        mean=words.mean(subject, pushed.rate, window),
         salience=0.5 * min(1.0, against / max(abs(push), 1e-12)),
         subject=subject.body,
         group=("held", subject.kind, words.opposing(forces)),

@@ -36,15 +36,14 @@ class Names:
     def __init__(self, bodies: Mapping[int, Body], dynamics: Sequence[Dynamics] = ()) -> None:
         self._bodies = bodies
         self._reported = {each.body.number: each.reported for each in dynamics}
-        self._counts = Counter(_short(body) for body in bodies.values())
+        self._counts = Counter(body.short for body in bodies.values())
 
     def body(self, number: int) -> str:
         """Return the name of a body, with its id if the name is shared; `world` for None."""
         body = self._bodies.get(number)
         if body is None:
             return Message("world")
-        short = _short(body)
-        return short if self._counts[short] == 1 else body.label
+        return body.short if self._counts[body.short] == 1 else body.label
 
     def label(self, number: int) -> str | None:
         """Return the label of a body; None for no body."""
@@ -131,9 +130,3 @@ def main_axis(direction: Float64) -> str:
     """Return the signed axis nearest to a direction: `x`, `-z`."""
     most = int(np.argmax(np.abs(direction)))
     return ("-" if direction[most] < 0 else "") + "xyz"[most]
-
-
-def _short(body: Body) -> str:
-    """Return a body's label without its id."""
-    number, _, name = body.label.partition("_")
-    return name if number.isdigit() and name else body.label

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import PurePath
@@ -31,22 +32,30 @@ def ranked(
     weighed = [replace(row, salience=_salience(row, read)) for row in rows]
     weighed = [*_repeating(_raised(weighed))]
     weighed.sort(key=lambda row: (not is_about(row, about), -row.salience))
-    first: dict[Hashable, int] = {}
+    first: dict[Hashable, list[int]] = defaultdict(list)
     found: list[AccountRow] = []
     for row in weighed:
         node_of = None if row.subject is None else row.subject.node_of
         key = None if row.group is None else (row.kind, node_of or row.group)
-        if key is not None and key in first:
-            stands = found[first[key]]
+        places = [] if key is None else first[key]
+        place = next((each for each in places if _agree(found[each], row)), None)
+        if place is not None:
+            stands = found[place]
             joints = (row.joint,) if row.joint and row.body == stands.body else ()
-            found[first[key]] = replace(
-                stands, alike=stands.alike + 1, joints=(*stands.joints, *joints)
-            )
+            found[place] = replace(stands, alike=stands.alike + 1, joints=(*stands.joints, *joints))
             continue
-        if key is not None:
-            first[key] = len(found)
+        places.append(len(found))
         found.append(row)
     return found
+
+
+def _agree(row: AccountRow, other: AccountRow) -> bool:
+    """Return whether no cause acts only towards in one row, and only against in the other."""
+    ours, theirs = ({(term.cause, term.towards) for term in each.terms} for each in (row, other))
+    return all(
+        (cause, side) in theirs or (cause, not side) in ours or (cause, not side) not in theirs
+        for cause, side in ours
+    )
 
 
 def is_about(row: AccountRow, about: str | None) -> bool:
@@ -54,8 +63,9 @@ def is_about(row: AccountRow, about: str | None) -> bool:
     if about is None:
         return False
     names = {row.body, row.joint, row.link, row.actuator, row.constraint, *(row.pair or ())}
-    of_body = set() if row.subject is None else {row.subject.name, PurePath(row.subject.name).stem}
-    return about in names | of_body
+    if (body := row.subject) is not None:
+        names |= {body.short, body.name, PurePath(body.name).stem}
+    return about in names
 
 
 def _raised(rows: Sequence[AccountRow]) -> Iterator[AccountRow]:

@@ -81,6 +81,9 @@ class AccountRow:
     terms: tuple[RowTerm, ...] = ()
     """The terms around that moment, in descending order of size: forces as the mean of the steps
     within 1 % of the run, at least two to either side."""
+    mean: str = field(default="", repr=False, metadata={"json": False})
+    """The steps over which the forces of the terms are averaged, as a text; empty for steady forces
+    and for energies."""
     salience: float = 0.0
     """The measure by which rows are ranked; it has no other meaning."""
     alike: int = 0

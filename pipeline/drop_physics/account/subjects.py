@@ -67,8 +67,13 @@ def subject_of(body: Body, ledger: Ledger, gravity_m_s2: Float64) -> MeasuredBod
 
 
 def in_weights(force_n: float, subject: MeasuredBody, name: str) -> Message:
-    """Describe a force as a multiple of the weight of a body of this name."""
+    """Describe a force as a multiple of the weight of a body of this name.
+
+    A body of several moving links, the first of which may have its name, is told by its label.
+    """
     times = number(force_n / subject.weight_n)
+    if np.count_nonzero(subject.tree.masses_kg[1 if subject.tree.fixed else 0 :]) > 1:
+        name = Message("all that moves of {body}", body=subject.body.label)
     if subject.is_weightless:
         return Message("{times} times what {body} would weigh on Earth", times=times, body=name)
     return Message("{times} times the weight of {body}", times=times, body=name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -19,6 +20,9 @@ from drop_physics.trace.history import Seen
 WEIGHTS, DEEP, SLID = 8.0, 0.03, 0.03
 """Minimum contact force in weights of the lighter body; minimum overlap and slide as shares of the
 smaller body's size."""
+CARRIES = 1.05
+"""Largest ratio of a contact force to the weight of all free bodies at which the contact may just
+carry them."""
 FRICTIONLESS, SLIDING = 1, 3
 """`dim` of a contact without friction, and of one with sliding friction only."""
 PRESSING = 0.8
@@ -41,11 +45,13 @@ def touching_rows(
     words: RowWords,
 ) -> Iterator[AccountRow]:
     """Yield the rows for all pairs of links that touched."""
-    feet = _feet_of(links, subjects)
+    feet, all_n = _feet_of(links, subjects), defaultdict[int, float](float)
+    for subject in subjects.values():
+        all_n[subject.body.client] += 0.0 if subject.tree.fixed else subject.weight_n
     stands = {key for keys in feet.values() for key in keys}
     for key, touched in links.items():
         its = [subjects[number] for number in dict.fromkeys(key[:2]) if number in subjects]
-        for row in _rows(key, touched, its, seen, words) if its else ():
+        for row in _rows(key, touched, its, all_n, seen, words) if its else ():
             if row.kind != "slips" or key not in stands:
                 yield row
     for number, keys in feet.items():
@@ -256,6 +262,13 @@ def _unlike(its: list[MeasuredBody], words: RowWords) -> Message:
     )
 
 
+def _carried(normal_n: float, lighter: MeasuredBody, all_n: float) -> Message:
+    """Describe the weight of all free bodies if a contact may carry them; else nothing."""
+    if lighter.is_weightless or not WEIGHTS * lighter.weight_n < normal_n <= CARRIES * all_n:
+        return Message("")
+    return Message(" (all free bodies weigh {weight})", weight=quantity(all_n, "N"))
+
+
 def _resists_turning(key: PairKey, seen: Seen) -> bool:
     """Return whether a contact of two links has torsional or rolling friction."""
     if seen.condim(key[:2], key[2:])[0] > SLIDING:
@@ -270,9 +283,17 @@ def _resists_turning(key: PairKey, seen: Seen) -> bool:
 
 
 def _rows(
-    key: PairKey, touched: TouchedLinks, its: list[MeasuredBody], seen: Seen, words: RowWords
+    key: PairKey,
+    touched: TouchedLinks,
+    its: list[MeasuredBody],
+    all_n: Mapping[int, float],
+    seen: Seen,
+    words: RowWords,
 ) -> Iterator[AccountRow]:
-    """Yield the rows for a pair of links: their normal force, and how far they slid."""
+    """Yield the rows for a pair of links: their normal force, and how far they slid.
+
+    `all_n` has the weight of all bodies with a free base in each simulation [N], by client.
+    """
     pair = words.names.pair(key)
     weight_n = min(subject.weight_n for subject in its)
     size_m = min(subject.size_m for subject in its)
@@ -284,9 +305,10 @@ def _rows(
     deep = touched.deepest_step if touched.deepest_step >= 0 else touched.first_step
     if (weights > WEIGHTS and touched.steps >= 5) or depth > DEEP:
         told = Message(
-            "{force} in the median, {weights}, in {steps:,} steps",
+            "{force} in the median, {weights}{carried}, in {steps:,} steps",
             force=quantity(normal_n, "N"),
             weights=in_weights(normal_n, lighter, words.names.body(lighter.body.number)),
+            carried=_carried(normal_n, lighter, all_n[lighter.body.client]),
             steps=touched.steps,
         )
         if not touched.steps:

@@ -9,7 +9,7 @@ from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.words import answered_range
 from drop_physics.explain.actuators import ActuatorRow
 from drop_physics.messages import Message, joined
-from drop_physics.quantities import number
+from drop_physics.quantities import number, rounded_off
 from drop_physics.trace.events import LENGTH
 from drop_physics.trace.history import Seen
 
@@ -45,7 +45,7 @@ def transmission_rows(
         yield AccountRow(
             kind="asked" if asks else "given",
             actuator=row.name,
-            told=told + answered_range(length) + _force(row),
+            told=told + answered_range(length) + _force(row, length.last),
             asked=row.given,
             got=length.last if asks else None,
             gap=gap if asks else None,
@@ -56,13 +56,19 @@ def transmission_rows(
         )
 
 
-def _force(row: ActuatorRow) -> Message:
-    """Describe an actuator's force and the joints that it moves; nothing if unknown."""
+def _force(row: ActuatorRow, length: float) -> Message:
+    """Describe an actuator's force and the joints that it moves; nothing if unknown.
+
+    A moment arm that is rounding error beside the actuator's length is 0.
+    """
     if row.force is None:
         return Message("")
     arms = sorted(row.moments.items(), key=lambda each: -abs(each[1]))[:MOST_ARMS]
     told = Message("; force {force}", force=number(row.force))
     if arms:
-        each = [Message("{arm} on {joint}", arm=number(arm), joint=joint) for joint, arm in arms]
+        each = [
+            Message("{arm} on {joint}", arm=number(rounded_off(arm, length)), joint=joint)
+            for joint, arm in arms
+        ]
         told = told + Message(", with a moment arm of {arms}", arms=joined(", ", each))
     return told

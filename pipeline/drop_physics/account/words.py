@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
+import numpy as np
+
 from drop_physics.account.ledger import OWN
 from drop_physics.account.names import Names
 from drop_physics.account.rows import RowTerm
@@ -12,7 +14,7 @@ from drop_physics.account.terms import DRAG, Term
 from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.times import StepTimes
 from drop_physics.messages import Message
-from drop_physics.quantities import number
+from drop_physics.quantities import number, rounded_off
 from drop_physics.trace.events import Body
 from drop_physics.trace.readings import Answer
 
@@ -20,6 +22,9 @@ MOST_TERMS = 6
 """Maximum number of terms in a row."""
 SMALL = 1e-3
 """Terms below this share of a value displayed beside them are omitted."""
+STEADY = 0.1
+"""Largest spread of forces over a window, as a share of the largest force, at which they count as
+steady."""
 LEAST_SHARE = 0.05
 """Terms below this share of the largest are omitted."""
 
@@ -47,6 +52,24 @@ class RowWords:
         half = max(2, steps // 100)
         return subject.ledger.window(step - half, step + half)
 
+    def mean(self, subject: MeasuredBody, rate: int, window: slice) -> Message:
+        """Describe the steps of a window of ledger bins over which forces on a rate are averaged.
+
+        Empty if the forces are steady, so that the mean is the force in each of these steps.
+        """
+        ledger = subject.ledger
+        bins = np.flatnonzero(ledger.seconds[window]) + window.start
+        forces = [each[bins, rate] / ledger.seconds[bins] for each in ledger.impulse.values()]
+        largest = max((float(np.abs(each).max(initial=0.0)) for each in forces), default=0.0)
+        if all(np.ptp(each) <= STEADY * largest for each in forces if len(each)):
+            return Message("")
+        last = min(ledger.first + window.stop * ledger.width - 1, ledger.last)
+        return Message(
+            "on average from {start} to {end}",
+            start=self.time(subject, ledger.first + window.start * ledger.width),
+            end=self.time(subject, last),
+        )
+
     def drives(self, term: Term, drives: Collection[str]) -> bool:
         """Return whether a term comes from a joint's own command, such as a motor."""
         return term.cause in drives or term.cause.startswith("actuator ")
@@ -70,9 +93,14 @@ class RowWords:
         """Return the terms that a row lists: drives first, then the largest others.
 
         Terms that are small compared with the largest one, or with the value `beside`, are left
-        out.
+        out, as are those that are rounding error beside the body's weight, or that times its size.
         """
-        told = {term: value for term, value in values.items() if term != OWN and value}
+        whole = subject.weight_n * (1.0 if unit == "N" else subject.size_m)
+        told = {
+            term: value
+            for term, value in values.items()
+            if term != OWN and rounded_off(value, whole)
+        }
         most = max(map(abs, told.values()), default=0.0)
         most = max(most, SMALL / LEAST_SHARE * beside)
         ranked = sorted(

@@ -29,7 +29,7 @@ JSON_NAMES = {"other": "with"}
 """JSON names of the fields that have another name in Python."""
 REPORT = "drop_physics.report.analysis"
 """Name of the module that reports an analysis."""
-HIDDEN = ("rows", "table", "by_body", "contact_j", "curves", "sources")
+HIDDEN = ("rows", "table", "by_body", "contact_j", "curves", "sources", "stepped")
 """Names of fields that are not written to JSON."""
 
 
@@ -258,6 +258,8 @@ class Analysis(Printable, reported_by=REPORT):
     """Explained share of each body, by body id."""
     rows: Sequence[SampleRows]
     """The samples of each body; for long recordings only those shown, unless all were requested."""
+    stepped: Sequence[int] = ()
+    """Number of steps of each simulation that was stepped."""
     curves: CurveTable | None = None
     """Curves of joints, friction and energy for plots and the viewer; None if there is no sum."""
     kind: Literal["drop", "script"] = "script"

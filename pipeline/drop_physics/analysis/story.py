@@ -173,6 +173,7 @@ class Story:
             origin=dict(self._origin),
             engine=_engine(self._seen),
             samples=max(self._seen.samples.values(), default=0),
+            stepped=[each - 1 for each in self._seen.samples.values() if each > 1],
             explained=_together([*by_body.values()]),
             bodies=[
                 replace(

@@ -94,15 +94,10 @@ def _named(seen: Seen, clients: Mapping[int, int]) -> dict[tuple[int, str, int],
     before: Counter[tuple[int, str]] = Counter()
     named = {}
     for _, body in sorted(seen.bodies.items()):
-        key = clients[body.client], _name(body)
+        key = clients[body.client], body.short
         named[*key, before[key]] = body
         before[key] += 1
     return named
-
-
-def _name(body: Body) -> str:
-    """Return a body's name as the engine has it."""
-    return body.label.partition("_")[2]
 
 
 def _clients(run: Seen, golden: Seen) -> dict[int, int]:

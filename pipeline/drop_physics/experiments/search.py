@@ -107,6 +107,19 @@ time is left. The function takes the next change whenever a run can start, even 
 exhausted before."""
 
 
+@dataclass(frozen=True)
+class BranchedTrial:
+    """Results of a change that is made only a second before a failure."""
+
+    open_loop: bool | None = None
+    """Whether the expectation is met with the recorded commands. None if unknown: for a change that
+    has to begin with the run or has no effect that late, and for all changes if an unchanged run
+    with the recorded commands is not bitwise equal to the recorded run."""
+    closed_loop: bool | None = None
+    """Whether the expectation is met with the script's controller; None for a change that has to
+    begin with the run or has no effect that late."""
+
+
 @dataclass
 class Search:
     """A search for changes that meet an expectation.

@@ -73,8 +73,16 @@ def who_of(row: AccountRow) -> str:
     return row.who
 
 
-def sides_of(terms: Sequence[RowTerm]) -> Message:
-    """Describe a row's terms in one line: towards the target, and against it."""
+def sides_of(terms: Sequence[RowTerm], mean: str = "") -> Message:
+    """Describe a row's terms in one line: towards the target, and against it.
+
+    `mean` describes the steps over which they are averaged.
+    """
+    sides = _sides(terms)
+    return Message("{sides}, {mean}", sides=sides, mean=mean) if mean else sides
+
+
+def _sides(terms: Sequence[RowTerm]) -> Message:
     towards = _terms([term for term in terms if term.towards])
     against = _terms([term for term in terms if not term.towards])
     gave = terms[0].unit == "J"

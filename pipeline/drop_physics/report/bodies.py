@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.fields import counted
 from drop_physics.messages import Message, columns_of, joined
+from drop_physics.quantities import rounded_off
 from drop_physics.report import account
 from drop_physics.report.blocks import (
     Block,
@@ -128,13 +129,21 @@ def report_of_bodies(
 
 def looked_at(analysis: Analysis) -> Message:
     """Describe what was examined, for an analysis without findings."""
-    joints = sum(len(body.joints) for body in analysis.bodies)
+    joints = sum(len({row.name for row in body.joints}) for body in analysis.bodies)
     return Message(
         "no finding in {bodies}, {joints}, {steps}; the rules know common mistakes only",
         bodies=counted(len(analysis.bodies), "body", "bodies"),
-        joints=counted(joints, "joint"),
-        steps=counted(max(0, analysis.samples - 1), "step"),
+        joints=counted(joints, "movable joint"),
+        steps=steps_of(analysis),
     )
+
+
+def steps_of(analysis: Analysis) -> Message:
+    """Return the number of steps, of all simulations together, with the number of these."""
+    steps = counted(sum(analysis.stepped), "step")
+    if len(analysis.stepped) < 2:
+        return steps
+    return Message("{steps} in {n} simulations", steps=steps, n=len(analysis.stepped))
 
 
 # -- the verdict ----------------------------------------------------------------------------------
@@ -152,7 +161,7 @@ def _headline(analysis: Analysis, *, verbose: bool) -> Words:
         script=str(origin["script"]),
         ended=ended,
         bodies=bodies,
-        steps=counted(max(0, analysis.samples - 1), "step"),
+        steps=steps_of(analysis),
         explained=_explained(analysis, verbose=verbose),
     )
     return Words(words, key=str(origin["script"]), indent="  ")
@@ -422,8 +431,11 @@ def sum_of(body: BodyAnalysis, each: StepSum) -> Section:
     if each.terms is not None and each.remainder is not None:
         base = len(each.remainder) > 5 and body.momentum
         heads = [*(("ωx", "ωy", "ωz", "vx", "vy", "vz") if base else ()), *map(_name, body.joints)]
-        rows = {name: term for name, term in each.terms.items() if any(term)}
-        rows["remainder"] = each.remainder
+        largest = max((abs(part) for term in each.terms.values() for part in term), default=0.0)
+        rows = {
+            name: [rounded_off(part, largest) for part in term] for name, term in each.terms.items()
+        }
+        rows["remainder"] = [*each.remainder]
         facts = [
             Fact(head, _sum({name: term[at] for name, term in rows.items()}))
             for at, head in enumerate(heads[: len(each.remainder)])

@@ -9,12 +9,12 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from drop_physics.experiments.motion import fastest
+from drop_physics.experiments.search import BranchedTrial
 from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message, joined
 from drop_physics.quantities import DIGITS, number, quantity
 from drop_physics.report.blocks import Section, Words
 from drop_physics.report.tried import TriedRow, table_of
-from drop_physics.stages.rerun.evaluated import BranchedTrial
 
 if TYPE_CHECKING:
     from drop_physics.experiments.ranking import SaidChange

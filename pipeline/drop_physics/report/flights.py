@@ -12,6 +12,7 @@ import numpy as np
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined
+from drop_physics.quantities import rounded_off
 from drop_physics.report.blocks import Block, Column, DataTable, Section, Words, numbers
 from drop_physics.report.words import CONTACTS, TERMS, millimetres
 
@@ -28,6 +29,8 @@ MOST_FALLS = 3
 """Most bodies whose first flight is broken down without --verbose."""
 LEAST_FALL_M = 1e-4
 """Least deviation from free fall at which a first flight is shown unasked [m]."""
+TWICE = 2.0
+"""Multiple of the rounding error up to which another number is rounding error, too."""
 MOST_BODIES = 3
 """Most bodies whose momentum is shown; the JSON contains all."""
 
@@ -114,6 +117,11 @@ def _terms(flight: BodyFlight) -> Section:
     for time_s, error_m, terms_m in [*moments, (flight.end_s, flight.error_m, flight.terms_m)]:
         terms = {} if terms_m is None else asdict(terms_m)
         rows = {**terms, "total": error_m}
+        if terms:  # no number is told that is not larger than its own rounding
+            rows = {
+                name: _beyond(values, terms["rounding"]) if name != "rounding" else values
+                for name, values in rows.items()
+            }
         head = Message("at {time:.4g} s", time=time_s)
         blocks.append(
             DataTable([Column(head, [TERMS[name] for name in rows]), *_axes([*rows.values()])])
@@ -122,6 +130,15 @@ def _terms(flight: BodyFlight) -> Section:
             why = Message("not broken down: a velocity is limited, or gravity is not along z")
             blocks.append(Words(why))
     return Section(blocks)
+
+
+def _beyond(values: Vector, rounding: Vector) -> Vector:
+    """Return the numbers of three axes, with 0 for those that are no larger than the rounding."""
+    x, y, z = (
+        value if abs(value) > TWICE * abs(round_) else 0.0
+        for value, round_ in zip(values, rounding, strict=True)
+    )
+    return x, y, z
 
 
 def contacts(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
@@ -163,8 +180,9 @@ def momentum(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
             },
             Message("at the end"): body.momentum.end_kg_m_s,
         }
+        largest = float(np.abs([*rows.values()]).max())
         each_axis = [
-            numbers(axis, [f"{value + 0.0:+.4g}" for value in values])
+            numbers(axis, [f"{rounded_off(value, largest) + 0.0:+.4g}" for value in values])
             for axis, values in zip("xyz", zip(*rows.values(), strict=True), strict=True)
         ]
         title = Message("Momentum of {body} [kg m/s]", body=body.label)
@@ -185,11 +203,16 @@ def contact_by(pushers: Sequence[Pusher]) -> Message:
         Message(
             "{body} {impulse}",
             body=each.body if each.link < 0 else f"{each.body}:{each.link}",
-            impulse="(" + ", ".join(f"{part:+.3g}" for part in each.impulse_n_s) + ")",
+            impulse=_components(each.impulse_n_s),
         )
         for each in pushers
     ]
     return Message("contact by {gave} N s", gave=joined(", ", gave))
+
+
+def _components(vector: Vector) -> str:
+    largest = max(map(abs, vector))
+    return "(" + ", ".join(f"{rounded_off(part, largest) + 0.0:+.3g}" for part in vector) + ")"
 
 
 def _titled(title: str, *columns: Column, more: Sequence[Words] = ()) -> Section:

@@ -131,7 +131,9 @@ def _finding(finding: Finding) -> ShortFinding:
         advice=None if finding.advice is None else str(finding.advice),
         proof=finding.proof,
         site=finding.site,
-        terms=str(sides_of(finding.terms)) if finding.terms else None,
+        terms=str(sides_of(finding.terms, finding.row.mean if finding.row else ""))
+        if finding.terms
+        else None,
     )
 
 

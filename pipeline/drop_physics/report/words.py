@@ -102,7 +102,7 @@ HANGS_ON = Message("the outcome hangs on {call}")
 def beneath(finding: Finding) -> Iterator[Message]:
     """Yield the lines below a finding: terms of the account's row, and results of trials."""
     if finding.terms:
-        yield sides_of(finding.terms)
+        yield sides_of(finding.terms, "" if finding.row is None else finding.row.mean)
     elif finding.row is not None and finding.row.cause is None:  # else the finding is the row
         yield joined(": ", [finding.row.who, finding.row.told])
     if not finding.tried:

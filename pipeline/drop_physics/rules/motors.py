@@ -241,8 +241,8 @@ beyond_urdf.rows(
     SayingRow(),
     like=SayingRow(
         says=Message(
-            "{joint} reaches {written} where its file allows {allowed}, in {steps}: "
-            "PyBullet's motors do not enforce that limit (joints beyond theirs: {joints})"
+            "{joint}{others} reaches {written} where its file allows {allowed}, in {steps}: "
+            "PyBullet's motors do not enforce that limit"
         ),
         effect="excess",
     ),
@@ -292,9 +292,8 @@ def _(telemetry: DrivenJoints, torque_site: float, taken: float, driven: float) 
 joint_damping.rows(
     SayingRow(
         says=Message(
-            "{joint} is driven by torques: beyond its weight they give it {driven:N s}, and the "
-            "joint damping in its file, {damping:N s/rad}, takes {taken:N s} (joints of this "
-            "robot: {joints})"
+            "{joint}{others} is driven by torques: beyond its weight they give it {driven:N s}, "
+            "and the joint damping in its file, {damping:N s/rad}, takes {taken:N s}"
         ),
         advice=Message(
             "{call}, or give torques that make up for it: p.calculateInverseDynamics leaves it out"
@@ -382,8 +381,8 @@ def _(subject: Body, joint: str, link: int, rested: float, now: float, extent: f
 
 NOT_FOLLOWED = SayingRow(
     says=Message(
-        "{joint} is {gap:gap} away from where its <mimic> tag puts it: PyBullet ignores the tag, "
-        "so it does not follow {of} (joints that do not follow: {joints})"
+        "{joint}{others} is {gap:gap} away from where its <mimic> tag puts it: PyBullet ignores "
+        "the tag, so it does not follow {of}"
     ),
     cure=Remedy("mimic", "body", given="geared"),
     effect="gap",

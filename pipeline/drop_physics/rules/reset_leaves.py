@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from drop_physics.arrays import Flags, Float64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.engines import MUJOCOS
@@ -55,10 +55,14 @@ def left_targets(joints: JointColumns, placing: Placing, anew: Collection[int] =
 
 
 def driven_off(
-    put: Flags, until_work: Float64, size: Float64, least: Float64, back: Flags
+    put: Flags, until_work: Float64, size: Float64, least: Float64, back: Flags, keys: Int64
 ) -> Sized:
-    """Return how far motors drove the placed joints; joints reset to their start come first."""
-    off = put & (until_work > 0) & (size >= least)
+    """Return how far a robot's motors drove the placed joints; those reset to their start first.
+
+    Motors that give the robot energy may take some of it at single joints.
+    """
+    which = np.unique(keys[:, 0], return_inverse=True)[1]
+    off = put & (np.bincount(which, until_work)[which] > 0) & (size >= least)
     return Sized(np.where(off, size, 0.0), graver=off & back)
 
 
@@ -82,8 +86,8 @@ reset_leaves.rows(
     SayingRow(level="note"),
     like=SayingRow(
         says=Message(
-            "{joint} is reset to {position:at}, then driven {size:gap} away: its motor keeps the "
-            "target of {target:at} that it had before (joints of this robot: {joints})"
+            "{joint}{others} is reset to {position:at}, then driven {size:gap} away: its motor "
+            "keeps the target of {target:at} that it had before"
         ),
         cure=Remedy("targets-held", "body", given={"function": "function"}),
         effect="size",
@@ -110,8 +114,8 @@ state_leaves_control.rows(
     SayingRow(level="note"),
     like=SayingRow(
         says=Message(
-            "{joint} is put to {position:at} and driven off by {size:gap}: ctrl is still the "
-            "{target:at} of before qpos was written (joints of this robot: {joints})"
+            "{joint}{others} is put to {position:at} and driven off by {size:gap}: ctrl is still "
+            "the {target:at} of before qpos was written"
         ),
         cure=Remedy("targets-held", "body"),
         proposed=True,

@@ -140,8 +140,8 @@ class Worst(Case):
     `among`, the number of the subject's matches that are at least a tenth as large; `body` and
     `other`, the labels of both bodies, and `subject` and `partner`, the bodies themselves. Rules on
     joints also have `joint`, `link`, `unit`, `effort`, and `joints`, the number of the body's
-    joints for which the rule holds; rules on actuators have `actuator`, with its `name` and
-    `joint`.
+    joints for which the rule holds, with `others`, the same as ` (and 3 more)`; rules on
+    actuators have `actuator`, with its `name` and `joint`.
     """
 
     subject: Body

@@ -480,7 +480,7 @@ class Rules:
             link = link_of(body, keys[1])
             unit, effort = units(body.joints[link])
             about = {"joint": body.joints[link].name, "link": link, "unit": unit, "effort": effort}
-            about |= {"joints": joints, "more": and_more(among)}
+            about |= {"joints": joints, "others": and_more(joints), "more": and_more(among)}
             site = self.scene.telemetry.cited(worst["site"][0]) if rule.commanded else None
         elif rule.table == "actuators":
             actuator = body.actuators[keys[1]]

@@ -279,6 +279,12 @@ class Body:
         }
 
     @property
+    def short(self) -> str:
+        """The label without the id."""
+        number, _, name = self.label.partition("_")
+        return name if number.isdigit() and name else self.label
+
+    @property
     def base_moves(self) -> bool:
         """True if the base can move in a step, so that its state is sampled."""
         return -1 in self.moving

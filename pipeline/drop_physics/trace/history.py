@@ -365,7 +365,7 @@ def joined(parts: Mapping[tuple[int, int], Rows]) -> Rows:
 
 def names_of_body(body: Body) -> Iterator[str]:
     """Yield the names of a body, its links, joints and actuators."""
-    yield from (body.label, body.name, PurePath(body.name).stem, *body.links)
+    yield from (body.label, body.short, body.name, PurePath(body.name).stem, *body.links)
     yield from (joint.name for joint in body.joints)
     yield from (actuator.name for actuator in body.actuators)
 
@@ -382,7 +382,7 @@ def body_named(bodies: Iterable[Body], which: str) -> Body:
     matches = [
         body
         for body in candidates
-        if which in (str(body.number), body.label, body.name, PurePath(body.name).stem)
+        if which in {str(body.number), body.label, body.short, body.name, PurePath(body.name).stem}
     ]
     if len(matches) == 1:
         return matches[0]

@@ -8,7 +8,6 @@ in the axes of inertia; a joint's position is the script's own number.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.engines.mujoco.elastic import elasticity_of
+from drop_physics.engines.watching.observed import label_name
 from drop_physics.physics.rotations import products, rotate, rotate_inverse
 from drop_physics.trace.events import Actuator, Body, Collision, Joint, Keyframe, Shape
 from drop_physics.trace.states import BASE
@@ -97,7 +97,7 @@ class DescribedBody:
 
     def as_number(self, number: int, client: int) -> DescribedBody:
         """Return a copy of this body with another id, for another simulation of the same model."""
-        label = f"{number}_{_plain(self.body.name)}"
+        label = f"{number}_{label_name(self.body.name)}"
         return replace(self, body=replace(self.body, number=number, label=label, client=client))
 
     @property
@@ -292,7 +292,7 @@ def _described(
     """Describe a kinematic tree, given by its MuJoCo bodies, as one recorded body."""
     top = members[0]
     name = names["body"][top]
-    label = f"{number}_{_plain(name)}"
+    label = f"{number}_{label_name(name)}"
     first = _joints_of(arrays, top)
     free = first[0] if first and arrays["jnt_type"][first[0]] == FREE else -1
     if first and free < 0:
@@ -579,10 +579,6 @@ def standing_base(arrays: Arrays, made: DescribedBody, mocap: Pose | None) -> Fl
 # -- looks ----------------------------------------------------------------------------------------
 
 
-def _plain(name: str) -> str:
-    return re.sub(r"[^\w-]+", "_", name, flags=re.ASCII)[:40].strip("_") or "body"
-
-
 def _shapes(
     arrays: Arrays,
     names: Mapping[str, list[str]],
@@ -639,7 +635,7 @@ def _colour(arrays: Arrays, geom: int) -> tuple[float, ...]:
 
 def _mesh(arrays: Arrays, names: list[str], mesh: int, folder: Path) -> Path:
     """Write a MuJoCo mesh as a file for the recorder to read."""
-    path = folder / f"{_plain(names[mesh])}_{mesh}.obj"
+    path = folder / f"{label_name(names[mesh])}_{mesh}.obj"
     if not path.exists():
         corner, face = (int(arrays[f"mesh_{name}adr"][mesh]) for name in ("vert", "face"))
         corners = arrays["mesh_vert"][corner : corner + int(arrays["mesh_vertnum"][mesh])]

@@ -362,7 +362,7 @@ class MujocoDecoder:
         if not received.steps and received.posed_without_steps:
             yield Message(
                 "no step was seen: positions change between {calls} of mj_forward, so the script "
-                "integrates by itself",
+                "sets them itself",
                 calls=counted(1 + max(received.posed_without_steps.values()), "call"),
             )
         if received.warnings:

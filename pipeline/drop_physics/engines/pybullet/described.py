@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import PurePath
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from drop_physics.arrays import Float64
+from drop_physics.engines.pybullet.watch.naming import KINDS, name_of
 from drop_physics.trace.events import (
     Body,
     Collision,
@@ -23,15 +23,6 @@ from drop_physics.trace.events import (
 )
 from drop_physics.trace.states import BASE
 
-KINDS = {
-    2: "sphere",
-    3: "box",
-    4: "cylinder",
-    5: "mesh",
-    6: "plane",
-    7: "capsule",
-    9: "heightfield",
-}
 PLANES = ("plane.obj", "plane100.obj")
 """Meshes of pybullet_data that represent a plane, up to 200 m wide, white except for a texture."""
 JOINT_KINDS = {0: "revolute", 1: "prismatic", 2: "spherical", 3: "planar", 4: "fixed"}
@@ -64,7 +55,7 @@ class Numbering:
         joints = _joints(note)
         shapes = shapes_of(note["visual"], dynamics, note["inertial"])
         collisions = _collisions(note["collisions"])
-        name = _name(
+        name = name_of(
             note["file"],
             note["name"],
             *(collision.kind for collision in collisions or shapes),
@@ -164,12 +155,6 @@ def _asked(note: dict[str, Any]) -> FileRequests:
         tuple(Mimic(*mimic) for mimic in note["mimics"]),
         tuple(FileDamping(*each) for each in note.get("dampings", [])),
     )
-
-
-def _name(*candidates: str) -> str:
-    """Return the first non-empty name, as part of an entity's path."""
-    name = next(filter(None, candidates), "body").rpartition("/")[2].partition(".")[0]
-    return re.sub(r"[^\w-]+", "_", name, flags=re.ASCII)[:40].strip("_") or "body"
 
 
 def moving_links(base: bool, joints: Sequence[Any]) -> tuple[int, ...]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from .asserted import Assertion, assertion_of
 from .evaluating import Evaluator
 from .expression import EPISODE, PRINTED, SERIES, Expression
-from .observed import NUMBERS, Observed, UnknownNameError, nearest
+from .observed import LABEL, NUMBERS, Observed, UnknownNameError, nearest
 from .sites import is_library
 
 if TYPE_CHECKING:
@@ -166,11 +166,19 @@ class ExpectationEvaluator(Evaluator):
     def _reading(self, kind: str) -> Callable[..., Any]:
         def read(*names: Any) -> Any:
             unknown: UnknownNameError | None = None
+            series: dict[object, Any] = {}
+            labels = [each for each in names if isinstance(each, str) and LABEL.fullmatch(each)]
             for track in reversed([*self._tracks.values()]):
                 try:
-                    return track.series(kind, names)
+                    series.setdefault(track.simulation, track.series(kind, names))
                 except UnknownNameError as error:
                     unknown = unknown or error
+                if series and not labels:  # a name is one of the last simulation that has it
+                    break
+            if len(series) > 1:  # the engine's ids do not tell the numbers of reports
+                raise UnknownNameError(labels[0], [labels[0].partition("_")[2]])
+            if series:
+                return series.popitem()[1]
             raise unknown or UnknownNameError(str(names), ())
 
         return read
@@ -205,6 +213,11 @@ class ObservedSeries:
         self._astray: dict[str, float] = {}
         """Sum over steps of the squared distance from the target, by motor command."""
         self.is_finite = True
+
+    @property
+    def simulation(self) -> object:
+        """The engine's id of the simulation."""
+        return self._observed.simulation
 
     def step(self) -> None:
         """Read the quantities after a step."""

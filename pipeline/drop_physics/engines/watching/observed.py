@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, TypeVar
+
+Element = TypeVar("Element")
 
 NUMBERS = 9
 """Number of coordinates of the three points that represent a body in `Observed.positions`."""
@@ -22,6 +25,37 @@ class UnknownNameError(Exception):
         self.nearest = nearest(name, known)
 
 
+MANY = 2
+LONGEST = 40
+"""Largest number of characters of a body's name in its label."""
+LABEL = re.compile(r"\d+_(.+)")
+"""Pattern of a body's label in reports: its number, and its name."""
+
+
+def label_name(name: str) -> str:
+    """Return a body's name as a part of its label, and so of an entity's path."""
+    return re.sub(r"[^\w-]+", "_", name, flags=re.ASCII)[:LONGEST].strip("_") or "body"
+
+
+def found(name: str, known: Mapping[str, Element]) -> Element:
+    """Return the element of a name, or of a label whose number is not the engine's own id.
+
+    Such a label needs a name that no other body has.
+
+    Raises
+    ------
+    UnknownNameError
+        If no element has the name.
+    """
+    label = LABEL.fullmatch(name)
+    if name not in known and label is not None:
+        alike = [each for each in map(LABEL.fullmatch, known) if each and each[1] == label[1]]
+        name = label[1] if label[1] in known and len(alike) < MANY else name
+    if name not in known:
+        raise UnknownNameError(name, known)
+    return known[name]
+
+
 def nearest(name: str, known: Iterable[object]) -> list[str]:
     """Return the known names that are most similar to an unknown one."""
     named = sorted({str(each) for each in known})
@@ -30,6 +64,11 @@ def nearest(name: str, known: Iterable[object]) -> list[str]:
 
 class Observed(ABC):
     """A running simulation, from which expectations read times, positions and forces."""
+
+    @property
+    def simulation(self) -> object:
+        """The engine's id of the simulation."""
+        return id(self)
 
     @property
     @abstractmethod

@@ -49,7 +49,7 @@ def _verdict(analysis: Analysis) -> Iterator[str]:
             "{script}: no finding in {bodies}, {steps}",
             script=script,
             bodies=counted(len(analysis.bodies), "body", "bodies"),
-            steps=counted(max(0, analysis.samples - 1), "step"),
+            steps=counted(sum(analysis.stepped), "step"),
         )
     for finding in analysis.findings[:1]:
         first, _, rest = finding.said.partition(": ")

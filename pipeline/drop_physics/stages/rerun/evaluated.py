@@ -18,7 +18,7 @@ from drop_physics.engines.source import SOURCE
 from drop_physics.engines.watching.expression import Expression
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.experiments.motion import motion_of
-from drop_physics.experiments.search import ChangeOutcome
+from drop_physics.experiments.search import BranchedTrial, ChangeOutcome
 from drop_physics.stages.rerun.reruns import Reruns
 from drop_physics.stages.rerun.runs import RunsUnderWay
 from drop_physics.sweeping.engines import in_threads
@@ -80,19 +80,6 @@ def _may_begin_later(change: Change) -> bool:
     """Return whether a change can start in the middle of a run."""
     is_start = change.change.startswith("start.") or change.how[0] == "/"
     return change.engine != SOURCE and not is_start
-
-
-@dataclass(frozen=True)
-class BranchedTrial:
-    """Results of a change that is made only a second before a failure."""
-
-    open_loop: bool | None = None
-    """Whether the expectation is met with the recorded commands. None if unknown: for a change that
-    has to begin with the run or has no effect that late, and for all changes if an unchanged run
-    with the recorded commands is not bitwise equal to the recorded run."""
-    closed_loop: bool | None = None
-    """Whether the expectation is met with the script's controller; None for a change that has to
-    begin with the run or has no effect that late."""
 
 
 NOT_MADE = ChangeOutcome(holds=False, margin=-math.inf, value=math.nan)

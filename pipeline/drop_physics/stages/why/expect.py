@@ -20,7 +20,13 @@ from drop_physics.engines.watching.forks import FIRST_LINE, FIRST_USE
 from drop_physics.engines.watching.single_changes import ORDERS, Change
 from drop_physics.errors import ScenarioError
 from drop_physics.experiments.ranking import SaidChange, ranked
-from drop_physics.experiments.search import NARROWED, ChangeOutcome, Search, TriedChange
+from drop_physics.experiments.search import (
+    NARROWED,
+    BranchedTrial,
+    ChangeOutcome,
+    Search,
+    TriedChange,
+)
 from drop_physics.explain.times import StepTimes
 from drop_physics.messages import Message, joined
 from drop_physics.recording.layer_file import trials_of
@@ -30,7 +36,6 @@ from drop_physics.stages.rerun.changed import plain
 from drop_physics.stages.rerun.evaluated import (
     FINISHED,
     Answer,
-    BranchedTrial,
     EvaluatedRuns,
     evaluator_of,
     outcome_of,

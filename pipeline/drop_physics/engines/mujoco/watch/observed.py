@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...watching.observed import Observed, UnknownNameError
+from ...watching.observed import Observed, found, label_name
 from .single_changes import AFFINE
 from .writes import FREE
 
@@ -110,11 +110,11 @@ class ObservedData(Observed):
             m, of = self._model, getattr(self._module.mjtObj, f"mjOBJ_{kind.upper()}")
             counts = {"body": "nbody", "joint": "njnt", "sensor": "nsensor"}
             count = getattr(m, counts[kind])
-            named = (self._module.mj_id2name(m, of, n) for n in range(count))
-            self._names[kind] = {each: n for n, each in enumerate(named) if each}
-        if name not in self._names[kind]:
-            raise UnknownNameError(str(name), self._names[kind])
-        return self._names[kind][name]
+            named = [self._module.mj_id2name(m, of, n) for n in range(count)]
+            # Reports call an unnamed element by its number, and a body by its name in labels.
+            shown = {label_name(each or f"{kind}{n}"): n for n, each in enumerate(named)}
+            self._names[kind] = shown | {each: n for n, each in enumerate(named) if each}
+        return found(str(name), self._names[kind])
 
     def _force(self, m: Any, d: Any, bodies: list[int]) -> Callable[[], float]:
         """Return a function that reads the contact force between two bodies, or on one."""

@@ -22,7 +22,7 @@ from ...watching.sites import shown_file
 from .arguments import client_of, named
 from .bodies import WatchedBody
 from .calls import CallWatch
-from .functions import COMMANDS, ROLES
+from .functions import COMMANDS, MAKES_BODIES, ROLES
 from .handlers import handler
 from .intervene import CallInterventions, Operation
 from .observed import ObservedWorld
@@ -217,10 +217,28 @@ class BulletWatch(EngineWatch):
         for name in originals:
             made, plain = self._interventions.of(name, calls, self.p), calls[name]
             made = made if made is plain else self.host.standing(plain, made)
-            follows = self.host.evaluator is not None and self.pipe.muted
-            self._calls[name] = (
-                self._commanding(name, made) if follows and name in COMMANDS else made
-            )
+            if self.host.evaluator is not None:
+                if name in MAKES_BODIES:
+                    made = self._making(name, made)
+                elif name in COMMANDS and self.pipe.muted:
+                    made = self._commanding(name, made)
+            self._calls[name] = made
+
+    def _making(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        """Wrap a function that makes bodies, to note the file from which they are loaded."""
+
+        def make(*args: Any, **kwargs: Any) -> Any:
+            result = call(*args, **kwargs)
+            world = self.worlds.get(client_of(name, args, kwargs))
+            if world is not None and self.host.on:
+                file = next(iter(named(name, args, kwargs).values()), None)
+                loaded = name.startswith("load") and isinstance(file, str)
+                self.guarded(
+                    world, self._observed_of(world).made, result, str(file) if loaded else ""
+                )
+            return result
+
+        return hiding(make)
 
     def _commanding(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
         """Wrap a motor command, to note the target that the script gives."""

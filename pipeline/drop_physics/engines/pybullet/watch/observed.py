@@ -6,8 +6,10 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from ...watching.observed import NUMBERS, Observed, UnknownNameError
+from ...watching.observed import NUMBERS, Observed, UnknownNameError, found
 from .arguments import number, vector
+from .bodies import RIGID, SOFT
+from .naming import KINDS, name_of
 
 AXES = "xyz"
 NORMAL_N, ALONG_N, ACROSS_N = 9, 10, 12
@@ -35,8 +37,17 @@ class ObservedWorld(Observed):
         self._places: dict[tuple[int, int], tuple[int, float]] = {}
         """Index of each body and link in the list of positions, and its radius of gyration [m]."""
         self._named: list[str] = []
+        self._files: dict[int, str] = {}
+        """The files from which bodies were loaded, by body id."""
+        self._shorts: dict[int, str] = {}
+        """The names of bodies in reports, without their ids, by body id."""
         self._targets: dict[tuple[int, int], tuple[int, float]] = {}
         """Commands to joints: whether of a velocity, and the target value."""
+
+    @property
+    def simulation(self) -> object:
+        """The id of the physics client."""
+        return self._client
 
     @property
     def time_s(self) -> float:
@@ -104,6 +115,13 @@ class ObservedWorld(Observed):
             found[name if alone else f"{name} of {self._name(body, -1)}"] = target - is_at
         return found
 
+    def made(self, result: Any, file: str) -> None:
+        """Note the bodies that a call has made, and the file that it loads; empty if none."""
+        for body in result if isinstance(result, tuple) else (result,):
+            if type(body) is int:
+                self._files[body] = file
+                self._shorts.pop(body, None)
+
     def command(self, arguments: Mapping[str, Any]) -> None:
         """Note the target of a motor command, given its arguments by name."""
         body, mode = number(arguments.get("bodyUniqueId")), arguments.get("controlMode")
@@ -144,14 +162,35 @@ class ObservedWorld(Observed):
         """Yield the names of bodies and links, with their ids."""
         p, client = self._p, self._client
         for body in self._bodies():
-            root, name = (each.decode(errors="replace") for each in p.getBodyInfo(body, client))
-            for each in (name, root, f"body{body}"):
+            root, *names = self._names(body)
+            for each in (*names, root):
                 if each:
                     yield each, (body, -1)
             for link in range(p.getNumJoints(body, client)):
                 own = p.getJointInfo(body, link, client)[12].decode(errors="replace")
                 yield own, (body, link)
-                yield f"{name or f'body{body}'}.{own}", (body, link)
+                yield from ((f"{each}.{own}", (body, link)) for each in names if each)
+
+    def _names(self, body: int) -> tuple[str, ...]:
+        """Return the name of a body's root link, then the names of the body itself."""
+        root, name = (
+            each.decode(errors="replace") for each in self._p.getBodyInfo(body, self._client)
+        )
+        short = self._shorts.get(body) or self._short(body, name, root)
+        self._shorts[body] = short
+        return root, name, f"body{body}", short, f"{body}_{short}"
+
+    def _short(self, body: int, name: str, root: str) -> str:
+        """Return the name of a body in reports, without its id."""
+        p, client, file, kinds = self._p, self._client, self._files.get(body, ""), list[str]()
+        if not file and not name:
+            if p.getDynamicsInfo(body, -1, client)[10] not in (RIGID, SOFT):
+                for link in range(-1, p.getNumJoints(body, client)):
+                    shapes = p.getCollisionShapeData(body, link, client) or ()
+                    kinds += [KINDS.get(shape[2], str(shape[2])) for shape in shapes]
+            visual = () if kinds else p.getVisualShapeData(body, 0, client) or ()
+            kinds += [KINDS.get(shape[2], str(shape[2])) for shape in visual]
+        return name_of(file, name, *kinds, root)
 
     def _link(self, name: Any, link: Any = None) -> tuple[int, int]:
         """Return body id and link index for a name, or for the engine's own ids."""
@@ -160,9 +199,7 @@ class ObservedWorld(Observed):
         known: dict[str, tuple[int, int]] = {}
         for each, what in self._links():
             known.setdefault(each, what)
-        if name not in known:
-            raise UnknownNameError(name, known)
-        return known[name]
+        return found(name, known)
 
     def _joint(self, name: Any, joint: Any = None) -> tuple[int, int]:
         """Return body id and joint index for a name, or for the engine's own ids."""
@@ -174,10 +211,9 @@ class ObservedWorld(Observed):
             for which in range(p.getNumJoints(body, client)):
                 own = p.getJointInfo(body, which, client)[1].decode(errors="replace")
                 known.setdefault(own, (body, which))
-                known.setdefault(f"{self._name(body, -1)}.{own}", (body, which))
-        if name not in known:
-            raise UnknownNameError(str(name), known)
-        return known[name]
+                for each in self._names(body)[1:]:
+                    known.setdefault(f"{each}.{own}", (body, which))
+        return found(str(name), known)
 
     # -- readings ---------------------------------------------------------------------------------
 
