@@ -225,7 +225,7 @@ def test_a_recording_is_read_as_its_reference_says(tmp_path: Path, standard: Run
     (shown,) = (one.text for one in page if one.kind == "text")
     (tmp_path / "recordings").mkdir()
     shutil.copy(standard.simulation.recording, tmp_path / "recordings/run.rrd")
-    assert run_python(code, tmp_path) == (0, shown)
+    assert run_python(code, tmp_path) == [shown]
     assert standard.analysis.impact is not None
     depth_m = standard.analysis.impact.penetration_m
     assert depth_m is not None

@@ -27,7 +27,7 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import SequenceMatcher
@@ -35,13 +35,15 @@ from itertools import pairwise
 from pathlib import Path
 
 from generators.pictures import small
-from generators.typed import ROOT, in_language, possible, run_command, run_python
+from generators.typed import ENGLISH, ROOT, possible, run_in, run_python
 
 DOCS = ROOT / "docs"
 WALKTHROUGH = DOCS / "walkthrough.md"
 PIPELINE = DOCS / "pipeline.md"
 DRAWN = (WALKTHROUGH, PIPELINE)
 """Pages whose images are drawn by their own commands."""
+LANGUAGES = (*ENGLISH, "ja")
+"""Languages of a page and of its translation."""
 REFERENCES = {"commands.md", "recording.md"}
 """Pages that the other generators write from the code."""
 CUT = "…"
@@ -122,7 +124,7 @@ def played(page: Path) -> dict[Path, bytes]:
     PageError
         If a command fails.
     """
-    texts = {path: path.read_text(encoding="utf-8") for path in [*translations(page), page]}
+    texts = {path: path.read_text(encoding="utf-8") for path in [page, *translations(page)]}
     with _clone() as folder:
         quoted = _quoted({path: blocks(text) for path, text in texts.items()}, folder)
         made = {path: _filled(text, quoted[path]).encode() for path, text in texts.items()}
@@ -166,57 +168,56 @@ def _found(folder: Path, name: str) -> Path:
 def _quoted(versions: dict[Path, list[Block]], folder: Path) -> dict[Path, list[str]]:
     """Run the blocks of a page, and return the current text of those that show output.
 
-    All versions, the page itself last, type the same. What nobody quotes is run once; the rest in
-    each language, and each time in the same folder as it was before.
+    All versions, the page itself first, type the same, which is run once for all of them.
     """
-    *others, page = versions
+    page = next(iter(versions))
     quoted: dict[Path, list[str]] = {path: [] for path in versions}
-    printed: dict[Path, list[str]] = {path: [] for path in versions}
+    printed = ["" for _ in versions]
     kinds = [block.kind for block in versions[page]]
     for number, (kind, after) in enumerate(pairwise([*kinds, ""])):
-        is_quoted = kind == "console" or after == "text"
-        for path in [*others, page] if is_quoted or kind == "text" else [page]:
-            keep = path != page and kind != "text"
-            with in_language("en" if path == page else "ja"), _kept(folder, keep=keep):
-                try:
-                    lines, printed[path] = _run(versions[path][number], folder, printed[path])
-                except PageError as error:
-                    raise PageError(f"{path.name}: {error}") from None
-            if versions[path][number].quotes:
-                quoted[path].append("".join(f"{line}\n" for line in lines))
+        is_quoted = "text" in (kind, after) or kind == "console"
+        of_all = [blocks[number] for blocks in versions.values()][: None if is_quoted else 1]
+        try:
+            lines, printed = _run(of_all, folder, printed)
+        except PageError as error:
+            raise PageError(f"{page.name}: {error}") from None
+        for path, shown in zip(versions, lines, strict=False):
+            quoted[path].append("".join(f"{line}\n" for line in shown))
     return quoted
 
 
-@contextmanager
-def _kept(folder: Path, *, keep: bool) -> Iterator[None]:
-    """Restore a folder's contents afterwards, if `keep` is set."""
-    if not keep:
-        yield
-        return
-    with tempfile.TemporaryDirectory() as name:
-        before = shutil.copytree(folder, Path(name, "before"), symlinks=True)
-        yield
-        shutil.rmtree(folder)
-        shutil.move(before, folder)
+def _run(
+    versions: list[Block], folder: Path, printed: list[str]
+) -> tuple[list[list[str]], list[str]]:
+    """Run a block in the languages of its versions.
 
-
-def _run(block: Block, folder: Path, printed: list[str]) -> tuple[list[str], list[str]]:
-    """Run a block; return the output lines to show, and the last command's whole output."""
-    lines: list[str] = []
+    Returns
+    -------
+    The lines to show in each version, none if the block shows no output, and the last command's
+    whole output in each language.
+    """
+    block, languages = versions[0], LANGUAGES[: len(versions)]
+    lines: list[list[str]] = []
     match block.kind:
         case "sh":
-            printed = [line for command in commands(block.text) for line in _lines(command, folder)]
+            texts = [_printed(command, languages, folder) for command in commands(block.text)]
+            printed = ["".join(parts) for parts in zip(*texts, strict=True)]
         case "yaml":
             for command in re.findall(r"^ +- run: (.*)$", block.text, re.MULTILINE):
-                _lines(command, folder)
+                _printed(command, languages, folder)
         case "python":
-            printed = run_python(block.text, folder)[1].splitlines()
+            printed = run_python(block.text, folder, languages)
         case "text":
-            lines = cut_alike(block.text.splitlines(), printed)
+            lines = [
+                cut_alike(version.text.splitlines(), text.splitlines())
+                for version, text in zip(versions, printed, strict=True)
+            ]
         case "console":
-            for command, shown in _typed(block.text):
-                printed = _lines(command, folder, exactly=True)
-                lines += [*f"$ {command}".splitlines(), *cut_alike(shown, printed)]
+            lines = [[] for _ in versions]
+            for typed in zip(*(_typed(version.text) for version in versions), strict=True):
+                printed = _printed(typed[0][0], languages, folder, exactly=True)
+                for kept, (command, shown), text in zip(lines, typed, printed, strict=True):
+                    kept += [*f"$ {command}".splitlines(), *cut_alike(shown, text.splitlines())]
         case "mermaid" | "toml" | "":
             pass
         case kind:
@@ -245,15 +246,17 @@ def _typed(text: str) -> Iterator[tuple[str, list[str]]]:
         yield "\n".join(lines[:end]), lines[end:]
 
 
-def _lines(command: str, folder: Path, *, exactly: bool = False) -> list[str]:
-    """Return a command's output, split into lines.
+def _printed(
+    command: str, languages: Sequence[str], folder: Path, *, exactly: bool = False
+) -> list[str]:
+    """Return a command's output in each language.
 
     Exit code 3 is an answer: an expectation does not hold, two runs differ. Its output is quoted.
     """
-    code, printed = run_command(command if exactly else possible(command), folder)
+    code, printed = run_in(languages, command if exactly else possible(command), folder)
     if code not in ((0, 3) if exactly else (0,)):
-        raise PageError(f"`{command}` exits with {code}: {printed}")
-    return printed.splitlines()
+        raise PageError(f"`{command}` exits with {code}: {printed[0]}")
+    return printed
 
 
 # -- what is shown of it --------------------------------------------------------------------------

@@ -240,7 +240,7 @@ def made() -> dict[str, str]:
         path = Path(name, "recordings/run.rrd")
         simulate(Scenario(), path, camera=Camera(capture_every=120, size_px=(32, 24)))
         table, run = analyze(path).table, _entities(path)
-        printed = run_python(_POLARS, Path(name))[1]
+        (printed,) = run_python(_POLARS, Path(name))
     parts = [
         _HEAD,
         _STATE,

@@ -1,8 +1,9 @@
 """Run the commands of a page in a folder, and return their output, 80 columns wide.
 
 A plain `drop …` runs in this process, because starting a process takes longer than most commands;
-anything else runs in bash. `INSTEAD` and `PROGRAMS` replace what a test cannot run; what they leave
-out is checked in `tests/test_docs.py`.
+anything else runs in bash. A result of `drop` is printed in as many languages as are asked for;
+what runs in bash runs again in each. `INSTEAD` and `PROGRAMS` replace what a test cannot run; what
+they leave out is checked in `tests/test_docs.py`.
 """
 
 from __future__ import annotations
@@ -12,12 +13,17 @@ import io
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
+from unittest.mock import patch
 
-from drop_physics.cli import app
+from drop_physics import cli
+from drop_physics.console import output, progress
 from typer.testing import CliRunner
 
 with contextlib.suppress(ModuleNotFoundError):
@@ -26,6 +32,7 @@ with contextlib.suppress(ModuleNotFoundError):
 
 ROOT = Path(__file__).parents[2]
 os.environ["DROP_LANG"] = "en"  # what pages show does not depend on who makes them
+ENGLISH = ("en",)
 
 PROGRAMS = {
     "pip": (":", "installs; the extras it names are checked"),
@@ -80,36 +87,115 @@ _LOOP = re.compile(r"for (\w+) in (.*?); do\n(.*)\ndone", re.DOTALL)
 
 def run_command(command: str, folder: Path) -> tuple[int, str]:
     """Return a command's exit code and output; a shell loop stops at its first failing command."""
+    code, (printed,) = run_in(ENGLISH, command, folder)
+    return code, printed
+
+
+def run_in(languages: Sequence[str], command: str, folder: Path) -> tuple[int, list[str]]:
+    """Return a command's exit code, and its output in each language."""
     if " && " in command and "\n" not in command:
-        parts = [run_command(possible(part), folder) for part in command.split(" && ")]
-        return max(code for code, _ in parts), "".join(printed for _, printed in parts)
+        parts = [run_in(languages, possible(part), folder) for part in command.split(" && ")]
+        return max(code for code, _ in parts), _one_after_the_other(parts)
     if command.endswith(_CODE):
-        code, printed = run_command(command.removesuffix(_CODE), folder)
-        return 0, printed + f"exit code {code}\n" * bool(code)
+        code, printed = run_in(languages, command.removesuffix(_CODE), folder)
+        return 0, [text + f"exit code {code}\n" * bool(code) for text in printed]
     if loop := _LOOP.fullmatch(command):
         name, values, body = loop.groups()
-        code, printed = 0, ""
+        parts = []
         for value in shlex.split(values.replace("\\\n", " ")):
             for line in body.replace("\\\n", " ").splitlines():
-                if not code:
-                    code, more = run_command(re.sub(rf"\${name}\b", value, line), folder)
-                    printed += more
-        return code, printed
+                if not any(code for code, _ in parts):
+                    parts.append(run_in(languages, re.sub(rf"\${name}\b", value, line), folder))
+        return max(code for code, _ in parts), _one_after_the_other(parts)
     words = _plain(command)
-    if words[:1] != ["drop"]:
-        return _in_bash(command, folder)
-    with contextlib.chdir(folder):
-        done = CliRunner(env={"COLUMNS": "80", "FORCE_COLOR": None}).invoke(app, words[1:])
-    if done.exception is None or isinstance(done.exception, SystemExit):
-        return done.exit_code, done.output
-    return 1, f"{done.output}drop: {done.exception}"
+    if words[:1] == ["drop"]:
+        return _by_drop(languages, words[1:], folder)
+    return _in_each(languages, partial(_in_bash, command), folder)
 
 
-def run_python(code: str, folder: Path) -> tuple[int, str]:
-    """Run a Python program, and return 0 and its output; its exceptions propagate."""
-    with contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()) as printed:
-        exec(compile(code, "a page", "exec"), {})
-    return 0, printed.getvalue()
+def run_python(code: str, folder: Path, languages: Sequence[str] = ENGLISH) -> list[str]:
+    """Run a Python program, and return its output in each language; its exceptions propagate."""
+
+    def run(folder: Path) -> tuple[int, str]:
+        with contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()) as printed:
+            exec(compile(code, "a page", "exec"), {})
+        return 0, printed.getvalue()
+
+    return _in_each(languages, run, folder)[1]
+
+
+def _one_after_the_other(parts: Sequence[tuple[int, list[str]]]) -> list[str]:
+    return ["".join(texts) for texts in zip(*(printed for _, printed in parts), strict=True)]
+
+
+def _in_each(
+    languages: Sequence[str], run: Callable[[Path], tuple[int, str]], folder: Path
+) -> tuple[int, list[str]]:
+    """Run in one language after the other, each time in the same folder as it was before."""
+    first, *others = languages
+    printed = []
+    for language in others:
+        with in_language(language), _kept(folder):
+            printed.append(run(folder)[1])
+    with in_language(first):
+        code, text = run(folder)
+    return code, [text, *printed]
+
+
+@contextlib.contextmanager
+def _kept(folder: Path) -> Iterator[None]:
+    """Restore a folder's contents afterwards."""
+    with tempfile.TemporaryDirectory() as name:
+        before = shutil.copytree(folder, Path(name, "before"), symlinks=True)
+        yield
+        shutil.rmtree(folder)
+        shutil.move(before, folder)
+
+
+def _by_drop(
+    languages: Sequence[str], arguments: Sequence[str], folder: Path
+) -> tuple[int, list[str]]:
+    """Run a command of `drop` once, and print its result and its notes in each language.
+
+    Raises
+    ------
+    RuntimeError
+        If the command prints other text, which may have a translation.
+    """
+    printed = [io.StringIO() for _ in languages]
+    prints = partial(_in_all, [*zip(languages, printed, strict=True)] if len(printed) > 1 else [])
+    with (
+        contextlib.chdir(folder),
+        patch.object(cli, "_show", prints(cli._show)),
+        patch.object(output, "print_json", prints(output.print_json)),
+        patch.object(output, "note", prints(output.note)),
+        patch.object(progress, "note", prints(output.note)),
+    ):
+        done = CliRunner(env={"COLUMNS": "80", "FORCE_COLOR": None}).invoke(cli.app, arguments)
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        return 1, [f"{done.output}drop: {done.exception}" for _ in languages]
+    if len(languages) > 1 and done.output != printed[0].getvalue():
+        raise RuntimeError(f"drop {shlex.join(arguments)} prints more than results: {done.output}")
+    return done.exit_code, [done.output, *(each.getvalue() for each in printed[1:])]
+
+
+def _in_all(
+    printed: Sequence[tuple[str, io.StringIO]], prints: Callable[..., object]
+) -> Callable[..., object]:
+    """Return a function that prints in each language as well, into a stream for each."""
+
+    def print_all(*values: object, **how: object) -> object:
+        for language, stream in printed:
+            there = {"stream": stream} if "stream" in how else {}
+            with (
+                in_language(language),
+                contextlib.redirect_stdout(stream),
+                contextlib.redirect_stderr(stream),
+            ):
+                prints(*values, **how | there)
+        return prints(*values, **how)
+
+    return print_all
 
 
 def _plain(command: str) -> list[str]:
