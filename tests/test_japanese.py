@@ -17,6 +17,7 @@ import pytest
 from conftest import Drop
 from drawn import is_within
 from drop_physics import Analysis, analyze
+from drop_physics.drop.findings import ALL_RULES
 from drop_physics.errors import RecordingError
 from drop_physics.fields import counted
 from drop_physics.figures import style
@@ -194,7 +195,7 @@ def test_what_a_code_means_is_in_japanese() -> None:
     known = catalogue()
     shown = [
         text
-        for reference in references().values()
+        for reference in references(ALL_RULES).values()
         for text in (reference.meaning, *reference.measured, *reference.says)
         if getattr(text, "template", "") in known
     ]

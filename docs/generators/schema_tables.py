@@ -16,6 +16,7 @@ CODES = "`drop explain --list` prints them.\n"
 
 def filled(page: str, schemas: Path) -> str:
     """Return the page with a table below each link to a schema, and a table of all codes."""
+    from drop_physics.drop.findings import ALL_RULES
     from drop_physics.rules.reference import references
 
     def with_table(link: re.Match[str]) -> str:
@@ -25,7 +26,7 @@ def filled(page: str, schemas: Path) -> str:
 
     codes = "".join(
         f"| `{each.code}` | {each.reason_of or ''} | {each.level or ''} | {each.meaning} |\n"
-        for each in references().values()
+        for each in references(ALL_RULES).values()
     )
     head = "| code | reason of | level | what it means |\n| --- | --- | --- | --- |"
     return LINK.sub(with_table, page).replace(CODES, f"{CODES}\n{head}\n{codes}")

@@ -14,6 +14,7 @@ from typing import ClassVar
 
 from babel.messages.catalog import Catalog
 from babel.messages.pofile import read_po, write_po
+from drop_physics.drop.findings import ALL_RULES
 from drop_physics.rules.reference import sentences
 
 from generators.typed import ROOT
@@ -69,7 +70,7 @@ def templates() -> Iterator[tuple[str, str]]:
                     match arguments[TEMPLATES[name] :]:
                         case [ast.Constant(value=str(text)), *_]:
                             yield text, path.relative_to(PACKAGE).as_posix()
-    for text in sentences():
+    for text in sentences(ALL_RULES):
         yield text, "rules/reference.py"
 
 

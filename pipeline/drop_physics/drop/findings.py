@@ -22,6 +22,7 @@ from drop_physics.fields import counted, decimals, fraction
 from drop_physics.messages import Message, joined
 from drop_physics.rules.answer import Cure, Effect, Finding, Scene, Span
 from drop_physics.rules.codes import Level
+from drop_physics.rules.every import RULES as SCRIPT_RULES
 from drop_physics.rules.rows import Said
 from drop_physics.rules.rule import Rule
 from drop_physics.trace.states import BODY_LABEL
@@ -411,3 +412,7 @@ def rest_below_expected(fall: Fall) -> Iterator[Said]:
 
 def _at(step: int) -> Span:
     return Span(step, step, 1)
+
+
+ALL_RULES = *SCRIPT_RULES, *RULES
+"""The rules for scripts and those for drops, which `drop explain` describes."""

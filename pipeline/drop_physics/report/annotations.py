@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
+from drop_physics.drop.findings import ALL_RULES
 from drop_physics.rules.answer import Finding
 from drop_physics.rules.codes import Level
 from drop_physics.rules.reference import reference_of
@@ -93,7 +94,7 @@ def sarif_of(analysis: Analysis) -> str:
 
 def _rule(code: str) -> dict[str, Any]:
     """Return the SARIF rule for a finding's code, with its meaning."""
-    told = reference_of(code)
+    told = reference_of(code, ALL_RULES)
     cures = [*told.advises, *(f"to try: {each}" for each in told.proposes)]
     rule: dict[str, Any] = {"id": code, "shortDescription": {"text": str(told.meaning)}}
     if told.measured:

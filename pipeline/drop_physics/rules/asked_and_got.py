@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drop_physics.arrays import Float64
+from drop_physics.arrays import Flags, Float64
 from drop_physics.messages import Message, joined
 from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
@@ -32,7 +32,6 @@ from drop_physics.rules.thresholds import (
     SCALE,
 )
 from drop_physics.trace.acts import Act
-from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
 from drop_physics.trace.motors import POSITION, VELOCITY
@@ -66,59 +65,51 @@ joint_friction.rows(
 
 @joint_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS)
 def without_force(joints: JointColumns) -> Match:
-    """A position motor with a force of 0 is off, whatever its target."""
-    off = np.abs(joints.after - joints.asked.target)
-    where = (joints.mode == POSITION) & (joints.asked.force == 0) & (joints.asked.pd != 1)
-    where &= (joints.steps.reported.commanded == 0) & (off > joints.at_target)
-    target = joints.asked.target
-    return Match(where, off, {"target": target}, most={"high": target, "low": -target})
+    """A motor with a force of 0 is off, whatever its target."""
+    asked, speed, placed = joints.asked, joints.target_velocity, joints.mode == POSITION
+    off = np.abs(joints.after - asked.target)
+    misses = placed & (asked.pd != 1) & (off > joints.at_target)
+    misses |= (joints.mode == VELOCITY) & (speed != 0)
+    return Match(
+        misses & (asked.force == 0) & (joints.steps.reported.commanded == 0),
+        np.where(placed, off, np.abs(speed)),
+        {"target": asked.target, "speed": speed, "placed": placed},
+        most={"high": asked.target, "low": -asked.target, "told_last": asked.told},
+        firsts={"told_first": asked.told},
+    )
 
 
 @without_force.counts
-def _(high: Float64, low: Float64, size: Float64) -> Float64:
-    # One that stands may be there to turn the motor off.
-    return np.where(high + low > AT_TARGET_RAD, size, 0.0)
+def _(
+    placed: Flags,
+    high: Float64,
+    low: Float64,
+    told_last: Float64,
+    told_first: Float64,
+    size: Float64,
+) -> Float64:
+    # One that stands, or is told once, may be there to turn the motor off.
+    changes = np.where(placed, high + low > AT_TARGET_RAD, told_last > told_first)
+    return np.where(changes, size, 0.0)
 
 
 without_force.rows(
     SayingRow(
+        when=lambda placed: placed,
         says=Message(
             "{joint}{more} is {size:gap} off its target of {target:at}: a motor that is given "
             "force=0 is off"
         ),
-        advice=Message("give it a force, or no force=…, which lets it take any"),
-        effect="size",
-    )
-)
-
-
-@joint_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS)
-def speed_without_force(joints: JointColumns) -> Match:
-    """A velocity motor with a force of 0 is off, whatever its target."""
-    asked = joints.target_velocity
-    where = (joints.mode == VELOCITY) & (joints.asked.force == 0) & (asked != 0)
-    where &= joints.steps.reported.commanded == 0
-    told = {"told_last": joints.asked.told}
-    return Match(
-        where, np.abs(asked), {"asked": asked}, most=told, firsts={"told_first": joints.asked.told}
-    )
-
-
-@speed_without_force.counts
-def _(told_last: Float64, told_first: Float64, size: Float64) -> Float64:
-    # One that is told once may be there to turn the motor off.
-    return np.where(told_last > told_first, size, 0.0)
-
-
-speed_without_force.rows(
+    ),
     SayingRow(
         says=Message(
-            "{joint}{more} is asked for {asked:.3g} {unit}/s: a motor that is given force=0 is off"
+            "{joint}{more} is asked for {speed:.3g} {unit}/s: a motor that is given force=0 is off"
         ),
-        advice=Message("give it a force, or no force=…, which lets it take any"),
-        effect="size",
         unit="{unit}/s",
-    )
+    ),
+    like=SayingRow(
+        advice=Message("give it a force, or no force=…, which lets it take any"), effect="size"
+    ),
 )
 
 
@@ -420,33 +411,41 @@ def _made_kg(asked: AskedOfBodies, body: Body) -> float:
     return 0.0 if load is None else (given(load, "baseMass") or (0.0,))[0]
 
 
-@input_rule("taken-elsewhere", "asked", "ik-index")
-def ik_index(inputs: Inputs, seen: Seen) -> Iterator[Case]:
-    """Results of inverse kinematics are sent to joint indices that include fixed joints."""
-    for number, call in _solved(inputs).items():
-        yield from _by_index(inputs, seen, number, call)
-
-
-@input_rule("taken-elsewhere", "asked", "joint-index")
-def joint_index(inputs: Inputs, seen: Seen) -> Iterator[Case]:
+@input_rule("taken-elsewhere", "asked")
+def by_index(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """Targets for movable joints are sent to joint indices that include fixed joints."""
-    for number in inputs.commanded.keys() - _solved(inputs).keys():
-        yield from _by_index(inputs, seen, number)
+    uses = inputs.of(Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK)
+    solved = {use.body.number: use.first for use in uses if use.body is not None}
+    for number in sorted(inputs.commanded, key=lambda each: each not in solved):
+        body, commanded = seen.bodies[number], inputs.commanded[number]
+        movable = [joint.link for joint in body.joints if joint.widths[1]]
+        fixed = [joint for joint in body.joints if not joint.widths[1] and joint.link in commanded]
+        left = [body.joints[link].name for link in movable if link not in commanded]
+        if fixed and left and len(commanded) == len(movable):
+            yield Case(
+                subject=body,
+                call=solved.get(number),
+                values={
+                    "solved": number in solved,
+                    "joint": left[0],
+                    "fixed": fixed[0].name,
+                    "left": joined(", ", left[:3]),
+                    "n": len(movable),
+                    "sent": dict(zip(sorted(commanded), movable, strict=True)),
+                    "part": float(len(left)),
+                },
+            )
 
 
-BY_INDEX = SayingRow(
-    cure=Remedy("right-link", "body", form="joints", given={"links": "sent"}), share="part"
-)
-ik_index.rows(
+by_index.rows(
     SayingRow(
+        when=lambda solved: solved,
         says=Message(
             "commands go to {fixed}, a fixed joint, and none to {left}: inverse kinematics "
             "answers for the {n} joints that move, in their order, and skips fixed ones"
-        )
+        ),
+        reason="ik-index",
     ),
-    like=BY_INDEX,
-)
-joint_index.rows(
     SayingRow(
         says=Message(
             "commands go to {fixed}, a fixed joint, and none to {left}: {n} joints move, and these "
@@ -455,36 +454,12 @@ joint_index.rows(
         advice=Message(
             "the targets to the joints that move, for which p.getJointInfo(body, joint)[3] > -1"
         ),
+        reason="joint-index",
     ),
-    like=BY_INDEX,
+    like=SayingRow(
+        cure=Remedy("right-link", "body", form="joints", given={"links": "sent"}), share="part"
+    ),
 )
-
-
-def _solved(inputs: Inputs) -> dict[int, Call]:
-    """Return the first inverse-kinematics call for each body."""
-    uses = inputs.of(Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK)
-    return {use.body.number: use.first for use in uses if use.body is not None}
-
-
-def _by_index(inputs: Inputs, seen: Seen, number: int, call: Call | None = None) -> Iterator[Case]:
-    """Yield a case if fixed joints get commands while as many movable joints get none."""
-    body, commanded = seen.bodies[number], inputs.commanded[number]
-    movable = [joint.link for joint in body.joints if joint.widths[1]]
-    fixed = [joint for joint in body.joints if not joint.widths[1] and joint.link in commanded]
-    left = [body.joints[link].name for link in movable if link not in commanded]
-    if fixed and left and len(commanded) == len(movable):
-        yield Case(
-            subject=body,
-            call=call,
-            values={
-                "joint": left[0],
-                "fixed": fixed[0].name,
-                "left": joined(", ", left[:3]),
-                "n": len(movable),
-                "sent": dict(zip(sorted(commanded), movable, strict=True)),
-                "part": float(len(left)),
-            },
-        )
 
 
 @input_rule("taken-elsewhere", "asked", "reset-frame")

@@ -1,10 +1,10 @@
-"""Collects what `drop explain` says about a code, from the source of the rules."""
+"""Collects what `drop explain` says about a code, from the rules that report it."""
 
 from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +12,7 @@ from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
 from drop_physics.rules.codes import CODES, Level
 from drop_physics.rules.examples import CodeExample, examples
+from drop_physics.rules.rule import Rule
 from drop_physics.rules.sources import Limit, RuleTexts, texts_of
 from drop_physics.trace.cures import Cure
 
@@ -61,8 +62,8 @@ class CodeReference:
     cure (nan for values that depend on the run), and whether the cure is only a proposal."""
 
 
-def reference_of(name: str) -> CodeReference:
-    """Return what `drop explain` says about a code or a reason.
+def reference_of(name: str, rules: Sequence[Rule]) -> CodeReference:
+    """Return what `drop explain` says about a code or a reason of given rules.
 
     Raises
     ------
@@ -75,12 +76,14 @@ def reference_of(name: str) -> CodeReference:
             name=name,
             near=difflib.get_close_matches(name, CODES, 1, 0.0)[0],
         )
-    return references([name])[name]
+    return references(rules, [name])[name]
 
 
-def references(names: Collection[str] = tuple(CODES)) -> dict[str, CodeReference]:
-    """Return what `drop explain` says about codes and reasons, by name; of all by default."""
-    shown, told = examples(), texts_of(names)
+def references(
+    rules: Sequence[Rule], names: Collection[str] = tuple(CODES)
+) -> dict[str, CodeReference]:
+    """Return what `drop explain` says about codes and reasons of given rules, by name."""
+    shown, told = examples(), texts_of(names, rules)
     return {name: _reference(name, told[name], shown.get(name)) for name in names}
 
 
@@ -108,9 +111,9 @@ def blanked(template: str) -> Message:
     return Message(template, **values)
 
 
-def sentences() -> Iterator[str]:
+def sentences(rules: Sequence[Rule]) -> Iterator[str]:
     """Yield all texts of `drop explain` that are not already a `Message` in a rule."""
-    for reference in references().values():
+    for reference in references(rules).values():
         yield from (
             reference.meaning,
             *reference.measured,

@@ -1,4 +1,4 @@
-"""Rules about MuJoCo steps that cannot be replayed, and about missing gravity."""
+"""The rule `not-replayed`: MuJoCo steps whose results cannot be repeated."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.step_status import WHYS
 from drop_physics.messages import Message
 from drop_physics.rules.chunk import StepChunk
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
-from drop_physics.rules.rule import Match, body_rule
+from drop_physics.rules.rule import Match, Sized, body_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import FALLS_STEPS
 from drop_physics.trace.acts import Act
@@ -19,59 +20,52 @@ from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
 from drop_physics.trace.switches import NO_GRAVITY, is_off
 
-
-def _of_steps(bodies: BodyColumns, why: str, chunk: StepChunk) -> Match:
-    """Return the replayed steps that are unexplained for a given reason."""
-    piece = chunk.piece
-    client = bodies.of_each(lambda each: each.body.client)
-    replayed = np.isin(client, [each for each, held in piece.impulses.items() if held])
-    writes = {(each.client, each.at.step + 1) for each in piece.calls.of(Act.SET_STATE)}
-    written = [pair in writes for pair in zip(client.tolist(), bodies.step.tolist(), strict=True)]
-    return Match(
-        replayed & (bodies.verdict.why == WHYS.index(why)),
-        np.ones(len(client)),
-        firsts={"written": np.array(written)},
-    )
-
-
-@body_rule("not-replayed", "asked", reason="stale", subject=0, engines=MUJOCOS)
-def stale_step(bodies: BodyColumns, chunk: StepChunk) -> Match:
-    """A step used derived data of an older state, which led to a different result."""
-    return _of_steps(bodies, "stale", chunk)
-
-
-stale_step.rows(
-    SayingRow(
-        when=lambda written: written,
-        says=Message(
-            "{steps} from step {first:,} on used what had been computed for the state before qpos "
-            "was written: mj_step2 takes positions, contacts and forces as mj_step1 left them"
-        ),
-        cure=Remedy("forward"),
-        effect="count",
-        unit="steps",
-        share="count",
-        site=Act.SET_STATE,
-    )
-)
+STALE = "stale"
+"""The reason of a step that used data of an older state."""
 
 
 @body_rule("not-replayed", "note", subject=0, engines=MUJOCOS)
 def not_replayed(bodies: BodyColumns, chunk: StepChunk) -> Match:
     """Repeated steps lead to states that differ from the recorded ones."""
-    return _of_steps(bodies, "not replayed", chunk)
+    piece, why = chunk.piece, bodies.verdict.why
+    client = bodies.of_each(lambda each: each.body.client)
+    replayed = np.isin(client, [each for each, held in piece.impulses.items() if held])
+    writes = {(each.client, each.at.step + 1) for each in piece.calls.of(Act.SET_STATE)}
+    written = [pair in writes for pair in zip(client.tolist(), bodies.step.tolist(), strict=True)]
+    stale = why == WHYS.index(STALE)
+    return Match(
+        replayed & (stale | (why == WHYS.index("not replayed"))),
+        np.ones(len(client)),
+        {"stale": stale},
+        firsts={"written": np.array(written)},
+        keys=np.column_stack([bodies.body, stale]),
+    )
+
+
+@not_replayed.counts
+def _(stale: Flags, written: Flags, size: Float64) -> Sized:
+    return Sized(np.where(stale & ~written, 0.0, size), graver=stale)
 
 
 not_replayed.rows(
+    SayingRow(
+        when=lambda stale: stale,
+        says=Message(
+            "{steps} from step {first:,} on used what had been computed for the state before qpos "
+            "was written: mj_step2 takes positions, contacts and forces as mj_step1 left them"
+        ),
+        cure=Remedy("forward"),
+        reason=STALE,
+        level="asked",
+        site=Act.SET_STATE,
+    ),
     SayingRow(
         says=Message(
             "{steps} from step {first:,} on lead elsewhere than the recorded state and model do "
             "when they are taken again: what acted in them is not known"
         ),
-        effect="count",
-        unit="steps",
-        share="count",
-    )
+    ),
+    like=SayingRow(effect="count", unit="steps", share="count"),
 )
 
 

@@ -15,7 +15,7 @@ from drop_physics.physics.laws.lookup import RIGID
 from drop_physics.physics.tree import RATES
 from drop_physics.rules.answer import Span
 from drop_physics.rules.body_properties import AskedOfBodies, size_m
-from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS, engine_of
+from drop_physics.rules.engines import ANY, MUJOCO, engine_of
 from drop_physics.rules.inputs import BodyLife, Inputs
 from drop_physics.rules.rows import Case, Remedy, SayingRow
 from drop_physics.rules.rule import input_rule
@@ -30,10 +30,13 @@ HOLDS = Act.SET_GRAVITY, Act.CONSTRAIN, *PUSHES
 """Kinds of calls that show that bodies without support do not need gravity."""
 
 
-@input_rule("not-stepped", "asked")
+@input_rule("not-stepped", "asked", engines=ANY)
 def not_stepped(inputs: Inputs, seen: Seen, origin: Mapping[str, Any]) -> Iterator[Case]:
-    """A script commands a simulation but makes no step, without which no time passes."""
-    seen, ended = seen, origin.get("ended")
+    """A script commands a simulation or recomputes its data, but makes no step."""
+    if origin.get("ended") == "failed":
+        return
+    if not seen.samples:
+        yield Case(values={"computes": True})
     stepped = any(samples > 1 for samples in seen.samples.values())
     uses = [*inputs.of(*WAITS)], [*inputs.of(Act.SET_GRAVITY)]
     placed = {use.first.client for use in inputs.of(Act.SET_POSE, Act.SET_JOINT)}
@@ -43,9 +46,9 @@ def not_stepped(inputs: Inputs, seen: Seen, origin: Mapping[str, Any]) -> Iterat
         )
         call = waits or (None if stepped and client in placed else falls)
         there = any(body.moving for body in seen.bodies.values() if body.client == client)
-        if samples == 1 and call is not None and there and ended != "failed":
+        if samples == 1 and call is not None and there:
             told = {"client": client, "stepped": stepped, "waits": waits is not None}
-            yield Case(call=call, values=told)
+            yield Case(call=call, values={"computes": False, **told})
 
 
 NEVER = Message(
@@ -55,6 +58,15 @@ NEVER = Message(
 IN_A_LOOP = Message("call p.stepSimulation(physicsClientId={client}) in a loop")
 not_stepped.rows(
     SayingRow(
+        when=lambda computes: computes,
+        says=Message(
+            "nothing is ever stepped, so nothing moves by itself: mj_forward and mj_step1 only "
+            "compute what depends on the state, and time passes in mj_step, or mj_step2"
+        ),
+        advice=Message("call mujoco.mj_step(model, data) in a loop"),
+        share=1.0,
+    ),
+    SayingRow(
         when=lambda stepped: not stepped, advice=Message("call p.stepSimulation() in a loop")
     ),
     SayingRow(when=lambda waits: waits, advice=IN_A_LOOP),
@@ -62,25 +74,6 @@ not_stepped.rows(
     # calls place what is in it.
     SayingRow(advice=IN_A_LOOP, level="note"),
     like=SayingRow(says=NEVER),
-)
-
-
-@input_rule("not-stepped", "asked", engines=MUJOCOS)
-def only_computed(seen: Seen, origin: Mapping[str, Any]) -> Iterator[Case]:
-    """A script recomputes derived data again and again, but makes no step."""
-    if not seen.samples and origin.get("ended") != "failed":
-        yield Case()
-
-
-only_computed.rows(
-    SayingRow(
-        says=Message(
-            "nothing is ever stepped, so nothing moves by itself: mj_forward and mj_step1 only "
-            "compute what depends on the state, and time passes in mj_step, or mj_step2"
-        ),
-        advice=Message("call mujoco.mj_step(model, data) in a loop"),
-        share=1.0,
-    )
 )
 
 

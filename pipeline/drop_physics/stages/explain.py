@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from drop_physics.drop.findings import ALL_RULES
 from drop_physics.engines.cures import call_of
 from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
@@ -32,7 +33,10 @@ def explain(asked: verbs.ExplainArguments) -> CodeManual:
     """
     if (asked.code is None) is not asked.every:
         raise ScenarioError("give one code of a finding, such as off-target, or --list")
-    codes = [*references().values()] if asked.code is None else [reference_of(asked.code)]
+    if asked.code is None:
+        codes = [*references(ALL_RULES).values()]
+    else:
+        codes = [reference_of(asked.code, ALL_RULES)]
     return CodeManual([_with_calls(code) for code in codes])
 
 
