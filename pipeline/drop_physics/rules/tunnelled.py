@@ -18,10 +18,9 @@ from drop_physics.physics.columns import rotation
 from drop_physics.physics.laws.mujoco.contact import shortest_s
 from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.answer import Cure
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.chunk import StepChunk
-from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS
+from drop_physics.rules.engines import ANY, MUJOCO
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule
@@ -36,161 +35,110 @@ from drop_physics.trace.history import Seen
 def tunnelled(
     bodies: BodyColumns, records: Mapping[int, Record], seen: Seen, inputs: Inputs, chunk: StepChunk
 ) -> Match | None:
-    """A body is on opposite sides of a box before and after a step, without a contact."""
-    tree = bodies.law.tree
+    """A body is on opposite sides of a box before and after a step, or enters and leaves it."""
+    tree, body = bodies.law.tree, bodies.batch.bodies[0].body
     if tree.links or not tree.size:
         return None
     before_m, after_m = bodies.before.position_m, bodies.after.position_m
-    body = bodies.batch.bodies[0].body
-    parts = [
-        (
-            other,
-            *_crossing(before_m, after_m, records[other.number].base_at(bodies.step), box),
-        )
-        for other, box in _standing(seen)
-        if other.client == body.client and _may_meet(body, other, box)
-    ]
-    if not parts:
-        return None
-    found, (numbers, which) = [], np.unique(bodies.body, return_inverse=True)
-    for other, came, left in parts:
-        whole = (came > 0) & (left < 1)
+    numbers, which = np.unique(bodies.body, return_inverse=True)
+    found = []
+    for other, box in _standing(seen):
+        if other.client != body.client or not _may_meet(body, other, box):
+            continue
+        base = records[other.number].base_at(bodies.step)
+        came, left = _crossing(before_m, after_m, base, box)
+        enters = (came > 0) & (came < left)
         # One with a shape, that gets inside, was held off.
         free = [
             _why(inputs, each, other) is not None
             for each in map(seen.bodies.__getitem__, numbers.tolist())
         ]
-        passes = np.where(np.array(free)[which], (came > 0) & (came <= 1), whole)
-        found.append(passes & (came < left))
-    rows, at = np.nonzero(np.array(found).T)
-    boxes = np.array([other.number for other, _, _ in parts])[at]
-    # What it touches on the way holds it off, and it is pushed through.
-    alone = ~_touching(bodies, rows, boxes, chunk)
-    rows, at, boxes = rows[alone], at[alone], boxes[alone]
-    share = np.array([left - came for _, came, left in parts])[at, rows]
+        alone = enters & np.where(np.array(free)[which], came <= 1, left < 1)
+        through = _through(bodies, base, box, enters & (left < 1))
+        # What it touches on the way holds it off, and it is pushed through.
+        for rows, touched in ((np.flatnonzero(alone), False), (through, True)):
+            its = rows[_touching(bodies, rows, other, chunk) == touched]
+            about = np.broadcast_to([other.number, touched], (len(its), 2))
+            part = np.where(touched, 1.0, left - came)[its]
+            found.append(np.column_stack([its, about, part]))
+    if not found:
+        return None
+    rows, boxes, touches = (each := np.concatenate(found))[:, :3].T.astype(np.int64)
     return Match(
         rows,
         lengths(after_m - before_m)[rows],
         {
             "step": bodies.step[rows],
-            "part": share,
+            "part": each[:, 3],
             "timestep": bodies.reported.timestep_s[rows],
+            "touched": touches > 0,
         },
-        keys=np.column_stack([bodies.body[rows], boxes]),
+        keys=np.column_stack([bodies.body[rows], boxes, touches]),
     )
 
 
-@body_rule("tunnelled", "broken", engines=MUJOCOS)
-def pushed_through(
-    bodies: BodyColumns, records: Mapping[int, Record], seen: Seen, chunk: StepChunk
-) -> Match | None:
-    """A body enters a box despite contacts, and leaves on the other side."""
-    tree, body = bodies.law.tree, bodies.batch.bodies[0].body
-    if tree.links or not tree.size or len(body.collisions) != 1:
-        return None  # of several shapes the centre may be in none
-    if not is_convex(body.collisions[0]):
-        return None
-    parts = []
-    for other, box in _standing(seen):
-        if other.client != body.client or not _may_meet(body, other, box):
-            continue
-        base = records[other.number].base_at(bodies.step)
-        place = _in_box(bodies.before.position_m, base, box) / (np.array(box.size_m) / 2)
-        came, left = _crossing(bodies.before.position_m, bodies.after.position_m, base, box)
-        outside = np.abs(place) > 1
-        steps = np.flatnonzero(outside.any(axis=1))
-        # From one step outside to the next, with steps between in which it is inside, or in one.
-        last, now = steps[:-1], steps[1:]
-        across = (outside[last] & (place[last] * place[now] < -1)).any(axis=1)
-        across &= (now - last > 1) | ((came < left) & (came > 0) & (left < 1))[last]
-        across &= bodies.step[now] - bodies.step[last] == now - last
-        rows = now[across & (bodies.body[last] == bodies.body[now])] - 1
-        parts.append((rows, np.full(len(rows), other.number)))
-    if not parts:
-        return None
-    rows, boxes = map(np.concatenate, zip(*parts, strict=True))
-    touched = _touching(bodies, rows, boxes, chunk)
-    rows, boxes = rows[touched], boxes[touched]
-    speed = np.linalg.norm(bodies.before.velocity[rows, 3:6], axis=1)
-    keys = np.column_stack([bodies.body[rows], boxes])
-    timestep = bodies.reported.timestep_s[rows]
-    return Match(rows, speed, {"step": bodies.step[rows], "timestep": timestep}, keys=keys)
+def _through(bodies: BodyColumns, base: Float64, box: Collision, at_once: Flags) -> Int64:
+    """Return the steps in which a convex body leaves a box on another side than it came from.
 
-
-@pushed_through.notes
-def _(
-    seen: Seen,
-    partner: Body,
-    body: str,
-    time_s: Callable[[int], float],
-    step: int,
-    size: float,
-    timestep: float,
-) -> Noted:
-    thick_m = min(min(box.size_m) for each, box in _standing(seen) if each is partner)
-    cure = _stopping(body, timestep, thick_m, size)
-    return {"time": time_s(step), "thick": thick_m, "cure": cure}
-
-
-pushed_through.rows(
-    SayingRow(
-        says=Message(
-            "{body} passes through {other} at {time:.4g} s although they touch: at {size:.3g} m/s "
-            "their contact is too soft to stop it within {thick:.3g} m"
-        ),
-        effect="thick",
-        normal="body_size_m",
-    )
-)
-
-
-def _stopping(body: str, timestep_s: float, thick_m: float, speed_m_s: float) -> Cure:
-    """Return contact settings that stop a body in half the wall, and a timestep short enough.
-
-    At critical damping a body stops within 1 / e of the distance that its speed covers in a time
-    constant.
+    `at_once` flags the steps that lead through the whole box.
     """
-    constant_s = float(f"{thick_m / (2 * speed_m_s):.1g}")
-    finer = max(1, math.ceil(shortest_s(timestep_s) / constant_s - 1e-6))
-    return Cure("solref", body, constant_s, form="stopping", given={"finer": finer})
+    collisions = bodies.batch.bodies[0].body.collisions
+    if len(collisions) != 1 or not is_convex(collisions[0]):
+        return np.empty(0, np.int64)  # of several shapes the centre may be in none
+    place = _in_box(bodies.before.position_m, base, box) / (np.array(box.size_m) / 2)
+    outside = np.abs(place) > 1
+    steps = np.flatnonzero(outside.any(axis=1))
+    # From one step outside to the next, with steps between in which it is inside, or in one.
+    last, now = steps[:-1], steps[1:]
+    across = (outside[last] & (place[last] * place[now] < -1)).any(axis=1)
+    across &= (now - last > 1) | at_once[last]
+    across &= bodies.step[now] - bodies.step[last] == now - last
+    return np.asarray(now[across & (bodies.body[last] == bodies.body[now])] - 1)
 
 
 @tunnelled.notes
 def _(
     inputs: Inputs,
+    seen: Seen,
     subject: Body,
     partner: Body,
-    body: str,
     body_size_m: float,
-    engine: str,
     time_s: Callable[[int], float],
     step: int,
     size: float,
     part: float,
     timestep: float,
+    touched: bool,
 ) -> Noted | None:
     if subject.client in inputs.filtered:
         return None  # they may be meant to pass
-    why = _why(inputs, subject, partner)
+    why, thick_m, speed_m_s = _why(inputs, subject, partner), size * part, size / timestep
+    if touched:
+        thick_m = min(min(box.size_m) for each, box in _standing(seen) if each is partner)
+    # At critical damping a body stops within 1 / e of the distance that its speed covers in a time
+    # constant: in half the wall, with a timestep that is short enough.
+    constant_s = float(f"{thick_m / (2 * speed_m_s):.1g}")
     noted: Noted = {
         "time": time_s(step),
-        "thick": size * part,
+        "thick": thick_m,
+        "speed": speed_m_s,
         "way": size * min(part, 1.0),
         "share": size / body_size_m,
         "finer": float(min(max(2, math.ceil(2 / part - 1e-6)), 64)),
+        "constant": constant_s,
+        "shorter": max(1, math.ceil(shortest_s(timestep) / constant_s - 1e-6)),
         "shapeless": why is not None,
         "function": None,
     }
     if isinstance(why, Call):
         noted |= {"function": why.function, "called": site_of(why)}
-    elif why is None and engine == MUJOCO:
-        noted["cure"] = _stopping(body, timestep, size * part, size / timestep)
     return noted
 
 
 SHAPELESS = SayingRow(
     says=Message("{body} passes through {other} at {time:.4g} s: it has no collision shape")
 )
+STOPS = Remedy("solref", "body", "constant", form="stopping", given={"finer": "shorter"})
 TOO_FAR = SayingRow(
     says=Message(
         "{body} passes through {other} at {time:.4g} s without touching it: it goes "
@@ -218,7 +166,18 @@ tunnelled.rows(
         when=lambda shapeless: shapeless,
         advice=Message("give it one: p.createCollisionShape(…), in a URDF <collision>"),
     ).like(SHAPELESS),
-    SayingRow(when=lambda engine: engine == MUJOCO).like(TOO_FAR),
+    SayingRow(
+        when=lambda touched: touched,
+        says=Message(
+            "{body} passes through {other} at {time:.4g} s although they touch: at {speed:.3g} m/s "
+            "their contact is too soft to stop it within {thick:.3g} m"
+        ),
+        cure=STOPS,
+        effect="thick",
+        normal="body_size_m",
+        level="broken",
+    ),
+    SayingRow(when=lambda engine: engine == MUJOCO, cure=STOPS).like(TOO_FAR),
     SayingRow(
         advice=Message("use a timestep in which it goes less than that: {call}"),
         cure=Remedy("timestep", value="finer"),
@@ -248,11 +207,11 @@ def _may_meet(body: Body, other: Body, box: Collision) -> bool:
     return not bits or any(a & affinity or kind & b for a, b in bits)
 
 
-def _touching(bodies: BodyColumns, rows: Int64, others: Int64, chunk: StepChunk) -> Flags:
+def _touching(bodies: BodyColumns, rows: Int64, other: Body, chunk: StepChunk) -> Flags:
     """Flag the rows in which a body touches another one in the same or an adjacent step."""
     pairs, found = chunk.pairs, np.zeros(len(rows), np.bool_)
-    for k, (number, other) in enumerate(zip(bodies.body[rows], others, strict=True)):
-        both = (pairs.body == sorted((number, other))).all(axis=1)
+    for k, number in enumerate(bodies.body[rows]):
+        both = (pairs.body == sorted((number, other.number))).all(axis=1)
         found[k] = (np.abs(pairs.step[both] - bodies.step[rows[k]]) <= 1).any()
     return found
 
