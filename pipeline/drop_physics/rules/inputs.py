@@ -31,6 +31,8 @@ from drop_physics.trace.states import Rows, between, by_body
 
 Place = tuple[int, int]
 """A body id, and a link of that body."""
+ROUNDING = 1e-9
+"""Share of a body's weight below which what compensation leaves of it is rounding."""
 _NAMES: dict[Act, tuple[Sequence[str], Sequence[str]]] = {
     Act.CONSTRAIN: (("parentBodyUniqueId", "childBodyUniqueId"), ("parent", "child")),
     Act.FILTER_PAIR: (("bodyUniqueIdA", "bodyUniqueIdB"), ("linkIndexA", "linkIndexB")),
@@ -137,7 +139,9 @@ class BodyLife:
     """The share of that velocity change that forces other than gravity cancelled in the same
     step."""
     falls: bool = False
-    """Whether gravity acted."""
+    """Whether gravity acted, beyond what compensation takes off."""
+    lifted: bool = False
+    """Whether compensation took some of it off."""
     held: bool = False
     """Whether a constraint acted on the body."""
     tilt_rad: float = 0.0
@@ -152,7 +156,11 @@ class BodyLife:
         self.tilt_rad = float(np.arccos(np.clip(upright, -1, 1)))
         self.last, self.count = int(steps.steps[-1]), self.count + len(steps)
         self.fastest = max(self.fastest, float(np.abs(steps.after.velocity).max(initial=0.0)))
-        self.falls = self.falls or bool(steps.whole.reported.gravity_m_s2[steps.rows].any())
+        pulled = steps.whole.reported.gravity_m_s2[steps.rows].any(axis=1)
+        if (lift := steps.terms.get("gravity compensation")) is not None:
+            weight, self.lifted = steps.terms["gravity"], self.lifted or bool(lift.any())
+            pulled &= (np.abs(weight + lift) > ROUNDING * np.abs(weight)).any(axis=1)
+        self.falls = self.falls or bool(pulled.any())
         self.held = self.held or bool(np.any(steps.terms.get("constraints", 0)))
         if steps.terms and not self.tree.fixed and self.pushed_m_s is None:
             pushes = steps.terms["applied"][:, 3:6] / self.tree.masses_kg.sum()

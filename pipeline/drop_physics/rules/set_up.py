@@ -1,11 +1,9 @@
-"""Rules about the setup of a simulation: gravity, timestep, stepping, randomness."""
+"""Rules about the setup of a simulation: timestep, stepping, randomness."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from typing import Any
-
-import numpy as np
 
 from drop_physics.account.touches import TouchTable
 from drop_physics.explain.times import StepTimes
@@ -14,20 +12,17 @@ from drop_physics.messages import Message
 from drop_physics.physics.laws.lookup import RIGID
 from drop_physics.physics.tree import RATES
 from drop_physics.rules.answer import Span
-from drop_physics.rules.body_properties import AskedOfBodies, size_m
+from drop_physics.rules.body_properties import AskedOfBodies
 from drop_physics.rules.engines import ANY, MUJOCO, engine_of
-from drop_physics.rules.inputs import BodyLife, Inputs
+from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rows import Case, Remedy, SayingRow
 from drop_physics.rules.rule import input_rule
-from drop_physics.rules.thresholds import STANDARD_M_S2, TIPS_RAD
+from drop_physics.rules.thresholds import TIPS_RAD
 from drop_physics.trace.acts import PUSHES, SETS_TIMESTEP, Act
-from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
 
 WAITS = Act.COMMAND, Act.CONSTRAIN, *PUSHES
 """Functions that take effect only in a step."""
-HOLDS = Act.SET_GRAVITY, Act.CONSTRAIN, *PUSHES
-"""Kinds of calls that show that bodies without support do not need gravity."""
 
 
 @input_rule("not-stepped", "asked", engines=ANY)
@@ -75,83 +70,6 @@ not_stepped.rows(
     SayingRow(advice=IN_A_LOOP, level="note"),
     like=SayingRow(says=NEVER),
 )
-
-
-@input_rule("no-gravity", "asked")
-def no_gravity(inputs: Inputs, seen: Seen, times: Mapping[int, StepTimes]) -> Iterator[Case]:
-    """Bodies without support do not fall: gravity is never set, or a reset sets it to 0."""
-    said = set[tuple[int, bool]]()
-    # Where the call is there, and for another client, that is said.
-    left_out = inputs.left_out(Act.SET_GRAVITY)[1]
-    free = [
-        (body, life)
-        for (number, _), life in inputs.lives.items()
-        if (body := seen.bodies[number]).base_moves and not life.falls
-        if _would_fall_m(body, life, times) > size_m(body)
-    ]
-    for body, life in sorted(free, key=lambda each: each[1].first):
-        client = body.client
-        # The reset that took gravity away: a later one found none.
-        gave = (at.call for at, _ in inputs.made(client, Act.SET_GRAVITY) if at.step < life.first)
-        last = max(gave, default=-1)
-        resets = (
-            each
-            for each in inputs.made(client, Act.CLEAR)
-            if last < each[0].call and each[0].step < life.first
-        )
-        reset, use = min(resets, key=lambda each: each[0].call, default=(None, None))
-        gravity_m_s2 = 0.0
-        if reset is not None:
-            _, before = times[client].of_steps(np.array([reset.step]))
-            gravity_m_s2 = float(np.linalg.norm(before))
-        since, lost = -1 if reset is None else reset.call, gravity_m_s2 > 0
-        held = (at for at, _ in inputs.made(client, *HOLDS) if since < at.call)
-        if (client, lost) in said or client in left_out or any(at.step < life.last for at in held):
-            continue
-        said.add((client, lost))
-        # What moves without gravity may be meant to.
-        moves = any(other.fastest > 0 for each, other in free if each.client == client)
-        yield Case(
-            call=use.first if use and lost else None,
-            subject=body,
-            span=Span(life.first, life.last, life.count),
-            values={
-                "lost": lost,
-                "moves": moves,
-                "step": life.first - 1,
-                "gravity": gravity_m_s2,
-                "client": client,
-            },
-        )
-
-
-STARTS_WITHOUT = SayingRow(
-    says=Message("gravity is 0, so {body} does not fall: PyBullet starts without it")
-)
-IN_CLIENT = Message("{call} with physicsClientId={client}")
-no_gravity.rows(
-    SayingRow(
-        when=lambda lost: lost,
-        says=Message(
-            "gravity is 0 from step {step:,} on, so {body} does not fall: p.resetSimulation() "
-            "sets it from {gravity:.3g} m/s² back to 0"
-        ),
-        advice=Message("{call} after each p.resetSimulation()"),
-    ),
-    SayingRow(when=lambda moves, client: moves and client, advice=IN_CLIENT, level="note").like(
-        STARTS_WITHOUT
-    ),
-    SayingRow(when=lambda moves: moves, level="note").like(STARTS_WITHOUT),
-    SayingRow(when=lambda client: client, advice=IN_CLIENT).like(STARTS_WITHOUT),
-    STARTS_WITHOUT,
-    like=SayingRow(cure=Remedy("gravity", value=-9.81)),
-)
-
-
-def _would_fall_m(body: Body, life: BodyLife, times: Mapping[int, StepTimes]) -> float:
-    """Return how far a body would fall freely while it exists [m]."""
-    end_s, begin_s = (times[body.client].of(step) for step in (life.last, life.first - 1))
-    return STANDARD_M_S2 * (end_s - begin_s) ** 2 / 2
 
 
 @input_rule("free-base", "model", proposes=True)
