@@ -15,7 +15,7 @@ from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.lasting import LastingEdit, LastingForce
 from drop_physics.rules.rows import Case, Remedy, SayingRow
 from drop_physics.rules.rule import input_rule
-from drop_physics.rules.thresholds import EACH_STEP, MASS_EDIT, PUSHES_STEPS, WATCHED
+from drop_physics.rules.thresholds import MASS_EDIT, PUSHES_STEPS, WATCHED
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body, EngineWarning
 from drop_physics.trace.history import Seen
@@ -220,50 +220,6 @@ MODEL_EDITED = SayingRow(
 )
 model_edited.rows(
     SayingRow(when=lambda ratio: ratio < MASS_EDIT, level="note"), SayingRow(), like=MODEL_EDITED
-)
-
-
-@input_rule("reading", "note", "reading-stale", engines=MUJOCOS)
-def stale_after_write(inputs: Inputs, seen: Seen) -> Iterator[Case]:
-    """Quantities derived from positions stay those of the earlier state until recomputed."""
-    for client, writes in inputs.lasting.positions.items():
-        if len(writes.steps) < EACH_STEP * _ends(seen, client) or writes.is_computed:
-            continue
-        steps = sorted(writes.steps)
-        yield Case(
-            call=writes.first,
-            span=Span(steps[0] + 1, steps[-1] + 1, len(steps)),
-            values={"steps": so_many(len(steps))},
-        )
-
-
-FORWARD = SayingRow(cure=Remedy("forward", form="read"), share=1.0)
-stale_after_write.rows(
-    SayingRow(
-        says=Message(
-            "qpos is written in {steps} and mj_forward is not called before the next step: xpos, "
-            "contacts, sensors and all else that is computed are then those of the state before"
-        )
-    ),
-    like=FORWARD,
-)
-
-
-@input_rule("reading", "note", "reading-stale", engines=MUJOCOS)
-def read_after_write(inputs: Inputs) -> Iterator[Case]:
-    """A function reads quantities that were computed before positions were written."""
-    for (_, reader), calls in inputs.lasting.stale.items():
-        yield Case(call=calls[0], values={"reader": reader, "n": len(calls)})
-
-
-read_after_write.rows(
-    SayingRow(
-        says=Message(
-            "{reader} is called {n:,} times after qpos is written and before mj_forward: what it "
-            "gives, and xpos, is that of the state before"
-        )
-    ),
-    like=FORWARD,
 )
 
 

@@ -7,11 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from drop_physics.messages import Message
+from drop_physics.rules.answer import Span, so_many
 from drop_physics.rules.arguments import site_of
+from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.rows import Case, SayingRow
+from drop_physics.rules.rows import Case, Remedy, SayingRow
 from drop_physics.rules.rule import input_rule
-from drop_physics.rules.thresholds import STALE_M
+from drop_physics.rules.thresholds import EACH_STEP, STALE_M
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
@@ -57,6 +59,40 @@ stale.rows(
         advice=Message("p.{function}(…, computeForwardKinematics=True) gives that of now"),
         share="part",
     )
+)
+
+
+@input_rule("reading", "note", "reading-stale", engines=MUJOCOS)
+def computed_before(inputs: Inputs, seen: Seen) -> Iterator[Case]:
+    """Quantities derived from positions stay those of the earlier state until recomputed."""
+    for client, writes in inputs.lasting.positions.items():
+        steps = sorted(writes.steps)
+        ends = seen.samples.get(client, 1) - 1
+        if len(steps) >= EACH_STEP * ends and not writes.is_computed:
+            yield Case(
+                call=writes.first,
+                span=Span(steps[0] + 1, steps[-1] + 1, len(steps)),
+                values={"reader": None, "steps": so_many(len(steps))},
+            )
+    for (_, reader), calls in inputs.lasting.stale.items():
+        yield Case(call=calls[0], values={"reader": reader, "n": len(calls)})
+
+
+computed_before.rows(
+    SayingRow(
+        when=lambda reader: reader is None,
+        says=Message(
+            "qpos is written in {steps} and mj_forward is not called before the next step: xpos, "
+            "contacts, sensors and all else that is computed are then those of the state before"
+        ),
+    ),
+    SayingRow(
+        says=Message(
+            "{reader} is called {n:,} times after qpos is written and before mj_forward: what it "
+            "gives, and xpos, is that of the state before"
+        )
+    ),
+    like=SayingRow(cure=Remedy("forward", form="read"), share=1.0),
 )
 
 

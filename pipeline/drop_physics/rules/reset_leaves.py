@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.engines import MUJOCOS
+from drop_physics.rules.engines import ANY, BULLETS, MUJOCOS
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.placing import Placing
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
@@ -27,23 +27,29 @@ from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
 
 
-def left_targets(joints: JointColumns, placing: Placing, anew: Collection[int] = ()) -> Match:
-    """Return the joints that a call placed although an earlier target is still in effect.
-
-    `anew` has the steps before which calls reset targets, too.
-    """
-    steps, before, told = joints.steps, joints.before, joints.asked.told
+@joint_rule("reset-leaves", "asked", consecutive=True, engines=ANY)
+def reset_leaves(
+    joints: JointColumns, inputs: Inputs, placing: Placing, last_samples: Mapping[int, int]
+) -> Match | None:
+    """A reset of positions leaves the targets of drives, which then move the joints away."""
+    body, steps, before, told = joints.body, joints.steps, joints.before, joints.asked.told
+    lasting = inputs.lasting
+    writes = lasting.positions.get(body.client)
+    # Written in each step, it is no reset.
+    if writes is not None and len(writes.steps) >= EACH_STEP * last_samples[body.number]:
+        return None
     step = np.broadcast_to(joints.step[:, None], before.shape).astype(np.float64)
     earlier = joints.earlier
     _, came = joints.latest(earlier.joints, np.ones(before.shape, np.bool_), joints.after)
-    puts = (steps.put & ~np.isin(joints.step - 1, [*anew]))[:, None]
+    # A reset of the whole state resets targets, too.
+    puts = (steps.put & ~np.isin(joints.step - 1, [*lasting.episodes[body.client]]))[:, None]
     puts = puts & (np.abs(before - came) > joints.at_target)
     episodes = puts | np.isnan(came)
     put, began = joints.latest(earlier.put_steps, episodes, step)
     position, home = joints.latest(earlier.put_joints, episodes, before)
     anew, back = told > began, np.abs(before - home) < BACK
     where = (told < put - 1) & (joints.limit > 0) & np.isfinite(joints.target)
-    restored = placing.restored(joints.body.number, joints.step)
+    restored = placing.restored(body.number, joints.step)
     return Match(
         where,
         np.abs(position - joints.target) - np.abs(joints.after - joints.target),
@@ -54,22 +60,15 @@ def left_targets(joints: JointColumns, placing: Placing, anew: Collection[int] =
     )
 
 
-def driven_off(
+@reset_leaves.counts
+def _(
     put: Flags, until_work: Float64, size: Float64, least: Float64, back: Flags, keys: Int64
 ) -> Sized:
-    """Return how far a robot's motors drove the placed joints; those reset to their start first.
-
-    Motors that give the robot energy may take some of it at single joints.
-    """
+    # Motors that give the robot energy may take some of it at single joints. Of the joints that
+    # they drove off, those that were put to their start come first.
     which = np.unique(keys[:, 0], return_inverse=True)[1]
     off = put & (np.bincount(which, until_work)[which] > 0) & (size >= least)
     return Sized(np.where(off, size, 0.0), graver=off & back)
-
-
-@joint_rule("reset-leaves", "asked", consecutive=True)
-def reset_leaves(joints: JointColumns, placing: Placing) -> Match:
-    """`resetJointState` and `restoreState` set positions and velocities, but not motors."""
-    return left_targets(joints, placing)
 
 
 @reset_leaves.notes
@@ -77,55 +76,35 @@ def _(restored: bool) -> Noted:
     return {"function": (Act.RESTORE if restored else Act.SET_JOINT).function}
 
 
+KEPT_BY_MOTOR = SayingRow(
+    says=Message(
+        "{joint}{others} is reset to {position:at}, then driven {size:gap} away: its motor keeps "
+        "the target of {target:at} that it had before"
+    ),
+    cure=Remedy("targets-held", "body", given={"function": "function"}),
+    engines=BULLETS,
+)
+KEPT_IN_CTRL = SayingRow(
+    says=Message(
+        "{joint}{others} is put to {position:at} and driven off by {size:gap}: ctrl is still the "
+        "{target:at} of before qpos was written"
+    ),
+    cure=Remedy("targets-held", "body"),
+    proposed=True,
+    engines=MUJOCOS,
+)
 # A target that was given once, before a reset to anywhere else, is meant; and one that is replaced
-# before it drives the joint far does no harm.
+# before it drives the joint far does no harm. In ctrl, one that is sent again on purpose looks the
+# same, as it does if the last episode began with it.
 reset_leaves.rows(
     SayingRow(
         when=lambda back, size, target, position: back and size > MINOR * abs(target - position)
-    ),
-    SayingRow(level="note"),
-    like=SayingRow(
-        says=Message(
-            "{joint}{others} is reset to {position:at}, then driven {size:gap} away: its motor "
-            "keeps the target of {target:at} that it had before"
-        ),
-        cure=Remedy("targets-held", "body", given={"function": "function"}),
-        effect="size",
-    ),
+    ).like(KEPT_BY_MOTOR),
+    SayingRow(level="note").like(KEPT_BY_MOTOR),
+    SayingRow(when=lambda anew: anew, level="model").like(KEPT_IN_CTRL),
+    SayingRow(level="note").like(KEPT_IN_CTRL),
+    like=SayingRow(effect="size"),
 )
-
-
-@joint_rule("reset-leaves", "model", consecutive=True, engines=MUJOCOS)
-def state_leaves_control(
-    joints: JointColumns, inputs: Inputs, placing: Placing, last_samples: Mapping[int, int]
-) -> Match | None:
-    """Writing `qpos` sets positions, but not controls."""
-    body = joints.driven.body
-    writes = inputs.lasting.positions.get(body.client)
-    # Written in each step, it is no reset.
-    if writes is not None and len(writes.steps) >= EACH_STEP * last_samples[body.number]:
-        return None
-    return left_targets(joints, placing, inputs.lasting.episodes[body.client])
-
-
-# Sent there again on purpose it looks the same, as it does if the last episode began with it.
-state_leaves_control.rows(
-    SayingRow(when=lambda anew: anew),
-    SayingRow(level="note"),
-    like=SayingRow(
-        says=Message(
-            "{joint}{others} is put to {position:at} and driven off by {size:gap}: ctrl is still "
-            "the {target:at} of before qpos was written"
-        ),
-        cure=Remedy("targets-held", "body"),
-        proposed=True,
-        effect="size",
-    ),
-)
-
-
-for _rule in (reset_leaves, state_leaves_control):
-    _rule.counts(driven_off)
 
 
 # -- put-elsewhere --------------------------------------------------------------------------------

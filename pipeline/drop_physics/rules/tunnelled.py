@@ -103,6 +103,7 @@ def _(
     subject: Body,
     partner: Body,
     body_size_m: float,
+    engine: str,
     time_s: Callable[[int], float],
     step: int,
     size: float,
@@ -112,6 +113,8 @@ def _(
 ) -> Noted | None:
     if subject.client in inputs.filtered:
         return None  # they may be meant to pass
+    if touched and engine != MUJOCO:
+        return None  # what presses it through contacts that do not yield is `deep-penetration`'s
     why, thick_m, speed_m_s = _why(inputs, subject, partner), size * part, size / timestep
     if touched:
         thick_m = min(min(box.size_m) for each, box in _standing(seen) if each is partner)
