@@ -92,3 +92,17 @@ def test_each_table_of_a_rule_is_declared_as_in_the_scene(one: Rule) -> None:
             assert declared_as == types[name] or (function is one.noting and name in noted)
     if own:
         assert {*parameters(one.matches)[own:]} <= SCENE_TABLES
+
+
+LAWS_DIFFER = {
+    *("creeps", "slides", "deep-penetration", "starts-in-contact"),  # contacts: rigid, or springs
+    *("joint-damping", "off-target", "unstable"),  # motors by shares of a gap, actuators by forces
+}
+"""The codes whose law is another one in each engine, so that a file for each tells them."""
+
+
+def test_a_code_is_told_in_one_file() -> None:
+    files: dict[str, set[str]] = {}
+    for each in every.RULES:
+        files.setdefault(each.code, set()).add(each.matches.__module__)
+    assert {code for code, its in files.items() if len(its) > 1} == LAWS_DIFFER

@@ -39,7 +39,7 @@ class MeasuredBody:
 
     def lasts(self, seen: Seen) -> bool:
         """Return whether the steps seen here reach the end of the run."""
-        return self.ledger.last >= seen.samples.get(self.body.client, 1) - 1
+        return self.ledger.last >= seen.steps_of(self.body.client)
 
     @property
     def kind(self) -> Hashable:

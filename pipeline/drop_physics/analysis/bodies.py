@@ -58,7 +58,7 @@ class BodyStory:
         self._sums: list[StepSum] = []
 
     def _nearest(self, times_s: Sequence[float]) -> list[int]:
-        last = self._scene.seen.samples.get(self._body.client, 1) - 1
+        last = self._scene.seen.steps_of(self._body.client)
         steps = (self._times.nearest(time_s, 0, last) for time_s in times_s)
         return [step for step in steps if step is not None]
 

@@ -116,7 +116,7 @@ class Story:
         self._whole, self._also, self._reports = whole, also, reports
         self._rows: list[SampleRows] = []
         ends_s = [
-            self.scene.times[body.client].of(seen.samples.get(body.client, 1) - 1)
+            self.scene.times[body.client].of(seen.steps_of(body.client))
             for body in seen.bodies.values()
         ]
         together_s = max(sum(abs(end_s) for end_s in ends_s), 1.0)

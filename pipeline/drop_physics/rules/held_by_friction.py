@@ -17,23 +17,26 @@ from drop_physics.rules.by_name import called
 from drop_physics.rules.chunk import StepChunk
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
-from drop_physics.rules.rule import Match, body_rule
+from drop_physics.rules.rule import Match, body_rule, pair_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.steady import is_steady
-from drop_physics.rules.tables import BodyColumns
+from drop_physics.rules.tables import BodyColumns, PairColumns
 from drop_physics.rules.thresholds import (
     AT_LIMIT_SHARE,
     CREEPS_M_S,
     CREEPS_STEPS,
     EACH_STEP,
+    FROM_REST,
     GRIPPED,
     HOPS_STEPS,
     LANDS_M_S,
+    LEFT_M,
     LOADED,
     SLIDES_SHARE,
     SLIDES_USED,
     SLIPS_M,
     SLIPS_SHARE,
+    SLIPS_STEPS,
     STEEP,
     STRAIGHT,
     USUAL_FRICTION,
@@ -281,3 +284,38 @@ def _closes(touches: Flags, approach_m_s: Float64) -> Flags:
     begun = np.maximum.accumulate(np.where(first, n, -1))
     slow = np.maximum.accumulate(np.where(touches & (approach_m_s < LANDS_M_S), n, -1))
     return touches & (slow < begun)
+
+
+@pair_rule(
+    "slides", "model", reason="condim", consecutive=True, least_count=SLIPS_STEPS, engines=MUJOCOS
+)
+def without_friction(pair: PairColumns) -> Match:
+    """Contacts of condim 1 have no friction, so that bodies slide."""
+    where = (pair.pairs.normal_n > 0) & (pair.pairs.summed(pair.points.friction) == 0)
+    where &= pair.body != pair.other
+    numbers = {"bodies": pair.pairs.body, "links": pair.links}
+    way = pair.pairs.slip_m_s * pair.timestep_s
+    return Match(
+        where, pair.pairs.slip_m_s, numbers, {"slid": way}, firsts={"began": pair.pairs.slip_m_s}
+    )
+
+
+@without_friction.counts
+def _(began: Float64, size: Float64, slid: Float64) -> Float64:
+    # A puck that was thrown may be to glide on.
+    rested = began <= FROM_REST * size
+    return np.where(rested & (slid > LEFT_M), slid, 0.0)
+
+
+without_friction.rows(
+    SayingRow(
+        when=lambda seen, bodies, links: seen.condim(bodies, links)[0] <= 1,
+        says=Message(
+            "{body} slides {slid:.3g} m on {other} in {steps} without friction: their contacts "
+            "have condim 1, whatever friction= gives"
+        ),
+        cure=Remedy("friction", "body", 3.0, form="condim"),
+        effect="slid",
+        normal="body_size_m",
+    )
+)

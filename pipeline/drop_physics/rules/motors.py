@@ -1,89 +1,28 @@
-"""Rules about motors: clamped targets, gains, limits, damping."""
+"""Rules about motors: gains, limits, joints that should follow others."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from drop_physics import quantities
-from drop_physics.arrays import Float64, Int64
+from drop_physics.arrays import Float64
 from drop_physics.explain.commands import DEFAULT
 from drop_physics.explain.joints import DrivenJoints
 from drop_physics.explain.targets import flips, rings_with
 from drop_physics.messages import Message
-from drop_physics.rules.joint import RADIANS, as_degrees, is_degrees
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, joint_rule
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (
     BEYOND,
-    BEYOND_RANGE,
     COASTS_RAD_S,
     COASTS_STEPS,
     CROSSINGS,
-    DAMPS_ANY,
-    DAMPS_STEADY,
     FOLLOWS,
-    MOVES,
     OTHER_FORCE,
-    SAME_SIGN,
 )
 from drop_physics.trace.events import Body
 from drop_physics.trace.motors import VELOCITY
-
-
-@joint_rule("target-clamped", "asked")
-def target_clamped(joints: JointColumns) -> Match:
-    """PyBullet clamps a position target to the joint's limits."""
-    low, high, target = joints.lower, joints.upper, joints.asked.target
-    over = np.maximum(low - target, target - high)
-    least = np.where(low < high, BEYOND_RANGE * (high - low), joints.at_target)
-    beyond = (low <= high) & (over > least)
-    numbers = {"target": target, "lower": low, "upper": high}
-    return Match(joints.position_motor & beyond, over, numbers)
-
-
-OTHER_LIMITS = Remedy(
-    "limits", "joint", given={"jointLowerLimit": "least", "jointUpperLimit": "most"}
-)
-
-
-@target_clamped.notes
-def _(unit: str, lower: float, upper: float, target: float, size: float) -> Noted:
-    absolute = unit == "rad" or lower == upper
-    return {
-        "side": Message("upper") if target > upper else Message("lower"),
-        "limit": upper if target > upper else lower,
-        "least": min(lower, target),
-        "most": max(upper, target),
-        "beyond": size if absolute else size / (upper - lower),
-        **as_degrees(target),
-    }
-
-
-target_clamped.rows(
-    SayingRow(
-        when=lambda unit, target, lower, upper: unit == "rad" and is_degrees(target, lower, upper),
-        advice=RADIANS,
-        reason="units",
-    ),
-    SayingRow(
-        when=lambda lower, upper: lower == upper,
-        advice=Message("its limits leave it no range; give it one: {call}"),
-        cure=OTHER_LIMITS,
-    ),
-    SayingRow(
-        advice=Message("give a target within {lower:.4g} and {upper:.4g}, or other limits: {call}"),
-        cure=OTHER_LIMITS,
-    ),
-    like=SayingRow(
-        says=Message(
-            "{joint}{more} is sent to {target:.4g} {unit}, beyond its {side} limit of {limit:.4g} "
-            "{unit}: PyBullet takes the limit as the target"
-        ),
-        effect="size",
-        share="beyond",
-    ),
-)
 
 
 @joint_rule("motor-gain", "asked", least_count=CROSSINGS, proposes=True)
@@ -245,64 +184,6 @@ beyond_urdf.rows(
             "PyBullet's motors do not enforce that limit"
         ),
         effect="excess",
-    ),
-)
-
-
-# -- joint-damping --------------------------------------------------------------------------------
-
-
-@joint_rule("joint-damping", "model")
-def joint_damping(joints: JointColumns) -> Match:
-    """`<dynamics damping>` brakes joints driven by torques, and inverse dynamics omits it."""
-    damping, applied = joints.steps.law.joint_damping, joints.term("applied")
-    # One that a call set is meant.
-    told = joints.of_joints(lambda each: each.damping)
-    where = (applied != 0) & ~np.isnan(joints.asked.torque_since) & (damping > 0)
-    drive = applied + joints.term("gravity")
-    driven, taken = np.abs(drive), np.abs(joints.term("joint damping"))
-    return Match(
-        where & (told == damping),
-        taken,
-        {"damping": damping},
-        {"driven": driven, "net": drive, "taken": taken},
-        firsts={"torque_site": joints.asked.torque_site},
-        lasts={"inertia": joints.inertia},
-    )
-
-
-@joint_damping.counts
-def _(driven: Float64, inertia: Float64, taken: Float64, keys: Int64, net: Float64) -> Float64:
-    share = np.where(driven > MOVES * inertia, taken / driven, 0.0)
-    # Where it takes more than drives the joint, the rest of the robot moves that; and where it
-    # takes little of what drives the robot, that goes as it would without.
-    which = np.unique(keys[:, 0], return_inverse=True)[1]
-    of_all, drives = (np.bincount(which, each)[which] for each in (taken, driven))
-    steady = np.abs(net) > SAME_SIGN * driven
-    least = np.where(steady, DAMPS_STEADY, DAMPS_ANY)
-    holds = (share > least) & (share < 1 + DAMPS_STEADY) & (of_all > DAMPS_STEADY * drives)
-    return np.where(holds, share, 0.0)
-
-
-@joint_damping.notes
-def _(telemetry: DrivenJoints, torque_site: float, taken: float, driven: float) -> Noted:
-    return {"called": telemetry.cited(torque_site), "part": min(taken / driven, 1.0)}
-
-
-joint_damping.rows(
-    SayingRow(
-        says=Message(
-            "{joint}{others} is driven by torques: beyond its weight they give it {driven:N s}, "
-            "and the joint damping in its file, {damping:N s/rad}, takes {taken:N s}"
-        ),
-        advice=Message(
-            "{call}, or give torques that make up for it: p.calculateInverseDynamics leaves it out"
-        ),
-        cure=Remedy("joint-damping", "body", 0.0),
-        effect="taken",
-        unit="{effort} s",
-        share="part",
-        site="called",
     ),
 )
 

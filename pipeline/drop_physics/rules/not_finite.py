@@ -1,6 +1,8 @@
-"""The rule about nan or infinite states: the first such step, and the call or term behind it."""
+"""The rule `not-finite`: infinite numbers and nan in a state, or given to actuators."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -8,15 +10,18 @@ from drop_physics.arrays import Flags, Float64
 from drop_physics.messages import Message
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.chunk import StepChunk
-from drop_physics.rules.engines import ANY
-from drop_physics.rules.rows import Noted, SayingRow
-from drop_physics.rules.rule import Match, body_rule
+from drop_physics.rules.engines import ANY, MUJOCOS
+from drop_physics.rules.rows import Case, Noted, SayingRow
+from drop_physics.rules.rule import Match, body_rule, input_rule
 from drop_physics.rules.tables import BodyColumns
+from drop_physics.rules.warned import IN_STEPS, warned
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
 from drop_physics.trace.log import Log
 
+CONTROL = "bad control"
+"""The warning after which the engine takes 0 for all controls."""
 OVERFLOWS = float(np.sqrt(np.finfo(np.float64).max))
 """A number of at least this size has an infinite square."""
 
@@ -95,3 +100,21 @@ def _without_number(calls: Log, body: Body, step: int) -> Call | None:
         if each.client == body.client and mine and wrong:
             return each
     return None
+
+
+@input_rule("not-finite", "broken", engines=MUJOCOS)
+def bad_control(seen: Seen) -> Iterator[Case]:
+    """A control is huge or not a number, so that no actuator acts in that step."""
+    return warned(seen, CONTROL)
+
+
+bad_control.rows(
+    SayingRow(
+        says=Message(
+            "ctrl[{index}] is huge or no number in {steps}, first in step {first:,}, and MuJoCo "
+            "then takes 0 for all controls"
+        ),
+        advice=Message("look for what the script divides by 0, or takes a root or arccos of"),
+    ),
+    like=IN_STEPS,
+)

@@ -1,32 +1,38 @@
-"""The rule `overwritten`: a pose or a velocity written before every step exerts no force."""
+"""The rule `overwritten`: what is set before every step undoes what acts, or is undone itself."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
+from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
+from drop_physics.rules.answer import Span, so_many
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.placing import Placing
-from drop_physics.rules.rows import Noted, Remedy, SayingRow
-from drop_physics.rules.rule import Match, body_rule, pair_rule
+from drop_physics.rules.rows import Case, Noted, Remedy, SayingRow
+from drop_physics.rules.rule import Match, body_rule, input_rule, pair_rule
 from drop_physics.rules.tables import BodyColumns, PairColumns
 from drop_physics.rules.thresholds import (
+    COASTS_STEPS,
     DEEP_M,
+    FALLS_STEPS,
     GATHERS,
     HALF_THE_STEPS,
     NO_FORCE,
     OVERLAPS_STEPS,
+    SAME_GAP,
     SINKS_STEPS,
     TELEPORTED_M_S,
 )
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
 
 
 @pair_rule("overwritten", "asked", reason="pose-set-each-step", engines=MUJOCOS)
@@ -169,4 +175,162 @@ falls_no_faster.rows(
         share="part",
         site="called",
     ),
+)
+
+
+@input_rule("overwritten", "asked", "command-overwritten")
+def command_overwritten(inputs: Inputs, seen: Seen) -> Iterator[Case]:
+    """A joint has one motor: if it gets a position and a velocity command in a step, one counts."""
+    for (number, joint, _), (first, last, steps) in inputs.overridden.items():
+        body, made = seen.bodies[number], inputs.motions[number].samples
+        if len(steps) >= COASTS_STEPS and joint < len(body.joints):
+            yield Case(
+                subject=body,
+                site=site_of(last),
+                span=Span(min(steps) + 1, max(steps) + 1, len(steps)),
+                values={
+                    "joint": body.joints[joint].name,
+                    "alone": first is last,
+                    "first": site_of(first),
+                    "last": site_of(last),
+                    "steps": so_many(len(steps)),
+                    "part": len(steps) / max(made, 1),
+                },
+            )
+
+
+command_overwritten.rows(
+    SayingRow(
+        when=lambda alone: alone,
+        says=Message(
+            "{joint} is commanded more than once before a step, by {last} with different "
+            "targets, in {steps}: it has one motor, and only the last command counts"
+        ),
+        advice=Message("give each joint one target before a step"),
+    ),
+    SayingRow(
+        says=Message(
+            "{joint} is commanded twice before a step, by {first} and then by {last}, in "
+            "{steps}: it has one motor, and only the last command counts"
+        ),
+        advice=Message(
+            "give one command: p.POSITION_CONTROL takes targetVelocity=… and maxVelocity=…, too"
+        ),
+    ),
+    like=SayingRow(share="part"),
+)
+
+
+@input_rule("overwritten", "asked", "pose-set-each-step")
+def pose_set_each_step(inputs: Inputs, seen: Seen) -> Iterator[Case]:
+    """A pose set in every step exerts no force: the body passes through obstacles."""
+    carried = [
+        use
+        for use in inputs.of(Act.SET_VELOCITY)
+        if any(np.any(each) for each in (*use.low.values(), *use.high.values()))
+    ]
+    for use in inputs.of(Act.SET_JOINT, Act.SET_POSE):
+        call, body = use.first, use.body
+        made = seen.steps_of(call.client) - call.at.step
+        if body is None or len(use.steps) < HALF_THE_STEPS * max(made, 1):
+            continue
+        # What stays in its place goes through nothing, nor what has the velocity of its way.
+        stays = use.constant("posObj") and use.constant("ornObj")
+        if stays or any(
+            each.body and each.body.number == body.number and each.steps & use.steps
+            for each in carried
+        ):
+            continue
+        number = int(call.values.get("jointIndex", (BASE,))[0])
+        deep = {
+            step: depth_m
+            for step, (depth_m, link) in inputs.deepest[body.number].items()
+            if step - 1 in use.steps and number in (BASE, *_branch(body, link))
+        }
+        if len(deep) < OVERLAPS_STEPS:
+            continue
+        most = max(deep.values())
+        by_joint = call.act is Act.SET_JOINT
+        joint = body.joints[number].name if by_joint and number >= 0 else None
+        yield Case(
+            call=call,
+            subject=body,
+            span=Span(min(deep), max(deep), len(deep)),
+            values={
+                "joint": joint,
+                "by_joint": by_joint,
+                "what": joint or body.label,
+                "function": call.function,
+                "count": len(use.steps),
+                "deep": most * 1e3,
+                "most": most,
+            },
+        )
+
+
+POSED = SayingRow(cure=Remedy("support-velocity", bodies=("body",)), proposed=True)
+
+
+pose_set_each_step.rows(
+    SayingRow(when=lambda by_joint: by_joint, cure=Remedy("without", "what", form="driven")),
+    # What it presses onto something else stays in the way of any velocity, too.
+    SayingRow(
+        when=lambda subject: subject.base_moves,
+        advice=Message("move it by a force, a velocity, or a constraint"),
+    ).like(POSED),
+    # A body without mass moves only where calls put it, and pushes others by its overlap.
+    SayingRow(
+        advice=Message("{call}, or give it a mass and move it by a constraint"), level="note"
+    ).like(POSED),
+    like=SayingRow(
+        says=Message(
+            "{what} is set by p.{function} in {count:,} steps, and gets {deep:.3g} mm into "
+            "what it meets: a pose that is set has no force"
+        ),
+        effect="most",
+        normal=DEEP_M,
+    ),
+)
+
+
+def _branch(body: Body, link: int) -> tuple[int, ...]:
+    """Return the links from a given link down to the base."""
+    return () if link < 0 else (link, *_branch(body, body.joints[link].parent))
+
+
+@input_rule("overwritten", "asked", "drive-lags")
+def drive_lags(inputs: Inputs) -> Iterator[Case]:
+    """A constraint closes only a share of its gap in a step, so a moving target stays ahead."""
+    for drive in inputs.drives.values():
+        if len(drive.targets_m) < FALLS_STEPS * 2:
+            continue
+        places_m = np.array(drive.places_m)
+        ahead_m = np.array(drive.targets_m) - places_m
+        mean_m = ahead_m.mean(axis=0)
+        gap_m = float(np.linalg.norm(mean_m))
+        made_m = float(lengths(np.diff(places_m, axis=0))[1:].mean())
+        steady = np.abs(ahead_m - mean_m).max() <= SAME_GAP * gap_m
+        if steady and 0 < made_m < (1 - SAME_GAP) * gap_m:
+            share = made_m / gap_m
+            yield Case(
+                call=drive.call,
+                subject=drive.body,
+                values={
+                    "made": made_m * 1e3,
+                    "gap": gap_m * 1e3,
+                    "share": share,
+                    "part": 1 - share,
+                },
+            )
+
+
+drive_lags.rows(
+    SayingRow(
+        says=Message(
+            "{body} goes {made:.2g} mm a step where p.changeConstraint asks for {gap:.2g} mm: the "
+            "target is set from where {body} is, and a step makes {share:.2g} of the way there"
+        ),
+        advice=Message("set each target from the last target, not from the body"),
+        share="part",
+    )
 )

@@ -67,8 +67,7 @@ def computed_before(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """Quantities derived from positions stay those of the earlier state until recomputed."""
     for client, writes in inputs.lasting.positions.items():
         steps = sorted(writes.steps)
-        ends = seen.samples.get(client, 1) - 1
-        if len(steps) >= EACH_STEP * ends and not writes.is_computed:
+        if len(steps) >= EACH_STEP * seen.steps_of(client) and not writes.is_computed:
             yield Case(
                 call=writes.first,
                 span=Span(steps[0] + 1, steps[-1] + 1, len(steps)),

@@ -9,11 +9,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from drop_physics import quantities
 from drop_physics.account.balance import CONTACTS, DRIVE, JointBalance
 from drop_physics.account.rows import AccountRow
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.actuators import ActuatorTable
 from drop_physics.explain.causes import TENDON_LIMIT
+from drop_physics.explain.joints import REST_STEPS
 from drop_physics.messages import Message
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
@@ -26,16 +30,23 @@ from drop_physics.rules.joint import (
     is_degrees,
     link_of,
 )
+from drop_physics.rules.joint_damping import alone
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
-from drop_physics.rules.rule import row_rule
+from drop_physics.rules.rule import Match, actuator_rule, joint_rule, row_rule
+from drop_physics.rules.tables import ActuatorColumns, JointColumns
 from drop_physics.rules.thresholds import (
+    AT_TARGET_RAD,
+    COASTS_RAD_S,
+    COASTS_STEPS,
     EACH_STEP,
     HOLDS,
     IN_DEGREES_RAD,
     OWN_SHARE,
     SAGS,
+    SLOW,
     SPRING_SHARE,
 )
+from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Actuator, Body
 from drop_physics.trace.history import Seen
 
@@ -268,4 +279,128 @@ off_its_servo.rows(
     SayingRow(when=lambda known: known, advice=LEAVES).like(SPRING),
     SayingRow(advice=STIFFER).like(SPRING),
     like=SayingRow(effect="gap"),
+)
+
+
+@actuator_rule("off-target", "note", reason="gear", least_count=COASTS_STEPS, engines=MUJOCOS)
+def divided_by_gear(actuators: ActuatorColumns) -> Match:
+    """A position actuator sends its joint to its control divided by its gear."""
+    gears = [
+        actuator.gear
+        if (actuator.kind, actuator.acts_on) == ("position", "joint") and actuator.gear
+        else 1.0
+        for actuator in actuators.actuators
+    ]
+    off = np.abs(actuators.given * (1 - 1 / np.array(gears)))
+    return Match(off > AT_TARGET_RAD, off, {"given": actuators.given})
+
+
+@divided_by_gear.notes
+def _(actuator: Actuator, given: float) -> Noted:
+    return {"gear": actuator.gear, "to": given / actuator.gear}
+
+
+divided_by_gear.rows(
+    SayingRow(
+        says=Message(
+            "{name} is given {given:.4g} and sends {joint} to {to:.4g}, as its gear is {gear:g}"
+        ),
+        advice=Message("give it the target times its gear, if the script does not"),
+    )
+)
+
+
+@actuator_rule(
+    "off-target",
+    "note",
+    reason="units",
+    least_count=COASTS_STEPS,
+    consecutive=True,
+    engines=MUJOCOS,
+)
+def sent_by_turns(actuators: ActuatorColumns, seen: Seen) -> Match:
+    """A position actuator sends a joint without a range by more than one turn at once."""
+    turning = {
+        joint.name
+        for joint in seen.bodies[actuators.number].joints
+        if joint.kind == "revolute" and joint.limits[0] > joint.limits[1]
+    }
+    least = [
+        IN_DEGREES_RAD * abs(actuator.gear)
+        if (actuator.kind, actuator.acts_on) == ("position", "joint") and actuator.target in turning
+        else np.inf
+        for actuator in actuators.actuators
+    ]
+    given, by = actuators.given, np.abs(actuators.given - actuators.before)
+    # What is computed is seldom a whole number that stays, and what is in degrees most often is.
+    jumps = (by > np.array(least)) & (given == np.round(given))
+    return Match(
+        jumps | (by == 0), np.abs(given), {"given": given}, firsts={"jumps": jumps}, begins=jumps
+    )
+
+
+@sent_by_turns.counts
+def _(jumps: Flags, size: Float64) -> Float64:
+    return np.where(jumps, size, 0.0)
+
+
+@sent_by_turns.notes
+def _(actuator: Actuator, given: float) -> Noted:
+    return {"to": given / actuator.gear, **as_degrees(given)}
+
+
+sent_by_turns.rows(
+    SayingRow(
+        says=Message("{name} sends {joint} by more than a turn at once, to {to:.4g} rad"),
+        advice=RADIANS,
+        site=Act.SET_CONTROL,
+    )
+)
+
+
+@joint_rule(
+    "off-target",
+    "asked",
+    reason="damper",
+    least_count=REST_STEPS,
+    consecutive=True,
+    engines=MUJOCOS,
+)
+def servo_is_a_damper(joints: JointColumns) -> Match:
+    """A joint's only actuator is a damper, which exerts force only off its target velocity."""
+    goal, dt = joints.target_velocity, joints.steps.reported.timestep_s[:, None]
+    kv, own = np.zeros(goal.shape), joints.torque * dt
+    for k in range(goal.shape[1]):
+        its = actuators_on(joints.driven.body, k)
+        if [each.kind for each in its] == ["velocity"]:
+            kv[:, k] = its[0].kv * its[0].gear ** 2
+    gap, gains = joints.rate - goal, joints.inertia * np.abs(joints.rate - joints.rate_before)
+    where = (np.abs(gap) > np.maximum(SLOW * np.abs(goal), COASTS_RAD_S)) & alone(joints)
+    where &= (kv > 0) & ~joints.at_limit & (gains < SPRING_SHARE * np.abs(own))
+    numbers = {"rate": joints.rate, "goal": goal, "kv": kv, "force": joints.torque}
+    # A damper that takes more than its joint's momentum in a step turns it around.
+    return Match(where, np.abs(gap), numbers | {"most": joints.inertia / dt / 2})
+
+
+@servo_is_a_damper.notes
+def _(unit: str, goal: float, force: float, most: float, size: float) -> Noted:
+    near = max(SPRING_SHARE * abs(goal), COASTS_RAD_S)
+    return {
+        "unit": f"{unit}/s",
+        "stiffer": float(f"{min(abs(force) / near, most):.2g}"),
+        "part": size / max(abs(goal), COASTS_RAD_S),
+    }
+
+
+servo_is_a_damper.rows(
+    SayingRow(
+        says=Message(
+            "{joint}{more} goes at {rate:.3g} {unit} where its target is {goal:.3g}: a velocity "
+            "actuator is a damper, and kv = {kv:.4g} gives the {force:N} that this takes only so "
+            "far off"
+        ),
+        cure=Remedy("gains", "joint", "stiffer", form="kv"),
+        effect="size",
+        share="part",
+    )
 )

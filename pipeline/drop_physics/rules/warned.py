@@ -1,4 +1,4 @@
-"""Rules about warnings of the engine itself: `auto-reset`, `not-finite`, `buffer-full`."""
+"""Rules about warnings of the engine itself: `auto-reset`, `buffer-full`."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Span, so_many
 from drop_physics.rules.engines import MUJOCOS
+from drop_physics.rules.indexed import rate_at
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.memory import POSITION, RESETS, rate_at
+from drop_physics.rules.memory import POSITION, RESETS
 from drop_physics.rules.rows import Case, Remedy, SayingRow
 from drop_physics.rules.rule import input_rule
 from drop_physics.trace.calls import Call
@@ -18,7 +19,7 @@ from drop_physics.trace.events import EngineWarning
 from drop_physics.trace.history import Seen
 from drop_physics.trace.switches import NO_AUTO_RESET, is_off
 
-CONTACTS, CONSTRAINTS, CONTROL = "contacts full", "constraints full", "bad control"
+CONTACTS, CONSTRAINTS = "contacts full", "constraints full"
 
 
 @input_rule("auto-reset", "broken", engines=MUJOCOS)
@@ -40,7 +41,7 @@ def auto_reset(inputs: Inputs, seen: Seen) -> Iterator[Case]:
             number = Message("the acceleration of {what}", what=joint or body.label)
             if first.kind != "bad acceleration":
                 number = Message("the velocity of {what}", what=joint or body.label)
-        all_steps = seen.samples.get(client, 1) - 1
+        all_steps = seen.steps_of(client)
         call = inputs.lasting.huge.get((client, first.at.step - 1))
         yield Case(
             call=call,
@@ -80,7 +81,7 @@ def _given(call: Call) -> Message:
     )
 
 
-def _warned(seen: Seen, *kinds: str) -> Iterator[Case]:
+def warned(seen: Seen, *kinds: str) -> Iterator[Case]:
     """Yield the engine's warnings of given kinds, with their steps."""
     for each in seen.warnings:
         if each.kind in kinds:
@@ -92,28 +93,10 @@ def _warned(seen: Seen, *kinds: str) -> Iterator[Case]:
 IN_STEPS = SayingRow(effect="count", unit="steps", share="count")
 
 
-@input_rule("not-finite", "broken", engines=MUJOCOS)
-def bad_control(seen: Seen) -> Iterator[Case]:
-    """A control is huge or not a number, so that no actuator acts in that step."""
-    return _warned(seen, CONTROL)
-
-
-bad_control.rows(
-    SayingRow(
-        says=Message(
-            "ctrl[{index}] is huge or no number in {steps}, first in step {first:,}, and MuJoCo "
-            "then takes 0 for all controls"
-        ),
-        advice=Message("look for what the script divides by 0, or takes a root or arccos of"),
-    ),
-    like=IN_STEPS,
-)
-
-
 @input_rule("buffer-full", "broken", engines=MUJOCOS)
 def buffer_full(seen: Seen) -> Iterator[Case]:
     """Contacts or constraints without room in memory do not act."""
-    for case in _warned(seen, CONTACTS, CONSTRAINTS):
+    for case in warned(seen, CONTACTS, CONSTRAINTS):
         is_contacts = case["kind"] == CONTACTS
         case.values["what"] = Message("contacts") if is_contacts else Message("constraints")
         yield case

@@ -201,6 +201,10 @@ class Seen:
         """Ids of the bodies that can move."""
         return [number for number, body in self.bodies.items() if body.moving]
 
+    def steps_of(self, client: int) -> int:
+        """Return the number of steps of a simulation; 0 if unknown."""
+        return self.samples.get(client, 1) - 1
+
     def clients_with(self, setting: str, value: float) -> set[int]:
         """Return the simulations in which an engine setting ever had the given value."""
         return {

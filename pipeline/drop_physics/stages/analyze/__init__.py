@@ -308,7 +308,7 @@ def outputs_of(
 def _check_times(at_s: Sequence[float], seen: Seen) -> None:
     """Raise an error if a given time is outside the range of every simulation."""
     clients = {setting.client for setting in seen.settings}
-    ends_s = [StepTimes(seen, client).of(seen.samples.get(client, 1) - 1) for client in clients]
+    ends_s = [StepTimes(seen, client).of(seen.steps_of(client)) for client in clients]
     # Time may go back, where a timestep is below 0.
     told_s = [each.at.time_s for each in seen.settings]
     end_s = max([0.0, *ends_s, *told_s])

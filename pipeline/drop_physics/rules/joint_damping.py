@@ -1,8 +1,4 @@
-"""Rules about MuJoCo joints that move slowly: damping, dry friction, armature.
-
-Damping, dry friction or armature of the model takes up the drive's effort. A velocity actuator is
-itself a damper, and exerts no force at its target.
-"""
+"""The rule `joint-damping`: losses or the armature of a joint take up what drives it."""
 
 from __future__ import annotations
 
@@ -10,26 +6,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.arrays import Flags, Float64, Int64
-from drop_physics.explain.joints import REST_STEPS
+from drop_physics.explain.joints import DrivenJoints
 from drop_physics.messages import Message
 from drop_physics.rules.by_name import called
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.joint import actuators_on
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (
     AT_TARGET_M,
-    COASTS_RAD_S,
+    DAMPS_ANY,
+    DAMPS_STEADY,
     HALF_THE_STEPS,
     HOLDS,
+    MOVES,
     SAME_SIGN,
-    SLOW,
     SLOW_M_S,
     SLOW_RAD_S,
     SLOWED,
-    SPRING_SHARE,
     TAKES_DRIVE,
 )
 from drop_physics.trace.events import Body
@@ -40,7 +35,8 @@ TAKERS = "damped", "rubbed", "swung"
 """The names of the terms that consume the drive: damping, dry friction, armature."""
 
 
-def _alone(joints: JointColumns, *others: str) -> Flags:
+def alone(joints: JointColumns, *others: str) -> Flags:
+    """Flag the steps in which nothing else holds a joint, such as a contact or its spring."""
     held = [term for term in joints.steps.terms if term.startswith(HELD) or term in others]
     return np.asarray(~np.any([joints.term(name) != 0 for name in held], axis=0))
 
@@ -58,7 +54,7 @@ def stays_slow(joints: JointColumns) -> Match:
     torque = sum((joints.term(name) for name in motors), joints.term("applied"))
     net = torque + joints.term("gravity")
     # What a motor holds against gravity, or a law of another kind gives, is not given to move it.
-    where = _alone(joints, *others) & (net != 0) & (net * torque >= HOLDS * torque**2)
+    where = alone(joints, *others) & (net != 0) & (net * torque >= HOLDS * torque**2)
     where &= (torque != 0) | (not body.actuators)
     slides, rotors = joints.at_target == AT_TARGET_M, steps.law.tree.armature
     armature = joints.of_joints(lambda each: 0.0 if rotors is None else rotors[each.link + 1])
@@ -154,49 +150,56 @@ stays_slow.rows(
 )
 
 
-@joint_rule(
-    "off-target",
-    "asked",
-    reason="damper",
-    least_count=REST_STEPS,
-    consecutive=True,
-    engines=MUJOCOS,
-)
-def servo_is_a_damper(joints: JointColumns) -> Match:
-    """A joint's only actuator is a damper, which exerts force only off its target velocity."""
-    goal, dt = joints.target_velocity, joints.steps.reported.timestep_s[:, None]
-    kv, own = np.zeros(goal.shape), joints.torque * dt
-    for k in range(goal.shape[1]):
-        its = actuators_on(joints.driven.body, k)
-        if [each.kind for each in its] == ["velocity"]:
-            kv[:, k] = its[0].kv * its[0].gear ** 2
-    gap, gains = joints.rate - goal, joints.inertia * np.abs(joints.rate - joints.rate_before)
-    where = (np.abs(gap) > np.maximum(SLOW * np.abs(goal), COASTS_RAD_S)) & _alone(joints)
-    where &= (kv > 0) & ~joints.at_limit & (gains < SPRING_SHARE * np.abs(own))
-    numbers = {"rate": joints.rate, "goal": goal, "kv": kv, "force": joints.torque}
-    # A damper that takes more than its joint's momentum in a step turns it around.
-    return Match(where, np.abs(gap), numbers | {"most": joints.inertia / dt / 2})
+@joint_rule("joint-damping", "model")
+def joint_damping(joints: JointColumns) -> Match:
+    """`<dynamics damping>` brakes joints driven by torques, and inverse dynamics omits it."""
+    damping, applied = joints.steps.law.joint_damping, joints.term("applied")
+    # One that a call set is meant.
+    told = joints.of_joints(lambda each: each.damping)
+    where = (applied != 0) & ~np.isnan(joints.asked.torque_since) & (damping > 0)
+    drive = applied + joints.term("gravity")
+    driven, taken = np.abs(drive), np.abs(joints.term("joint damping"))
+    return Match(
+        where & (told == damping),
+        taken,
+        {"damping": damping},
+        {"driven": driven, "net": drive, "taken": taken},
+        firsts={"torque_site": joints.asked.torque_site},
+        lasts={"inertia": joints.inertia},
+    )
 
 
-@servo_is_a_damper.notes
-def _(unit: str, goal: float, force: float, most: float, size: float) -> Noted:
-    near = max(SPRING_SHARE * abs(goal), COASTS_RAD_S)
-    return {
-        "unit": f"{unit}/s",
-        "stiffer": float(f"{min(abs(force) / near, most):.2g}"),
-        "part": size / max(abs(goal), COASTS_RAD_S),
-    }
+@joint_damping.counts
+def _(driven: Float64, inertia: Float64, taken: Float64, keys: Int64, net: Float64) -> Float64:
+    share = np.where(driven > MOVES * inertia, taken / driven, 0.0)
+    # Where it takes more than drives the joint, the rest of the robot moves that; and where it
+    # takes little of what drives the robot, that goes as it would without.
+    which = np.unique(keys[:, 0], return_inverse=True)[1]
+    of_all, drives = (np.bincount(which, each)[which] for each in (taken, driven))
+    steady = np.abs(net) > SAME_SIGN * driven
+    least = np.where(steady, DAMPS_STEADY, DAMPS_ANY)
+    holds = (share > least) & (share < 1 + DAMPS_STEADY) & (of_all > DAMPS_STEADY * drives)
+    return np.where(holds, share, 0.0)
 
 
-servo_is_a_damper.rows(
+@joint_damping.notes
+def _(telemetry: DrivenJoints, torque_site: float, taken: float, driven: float) -> Noted:
+    return {"called": telemetry.cited(torque_site), "part": min(taken / driven, 1.0)}
+
+
+joint_damping.rows(
     SayingRow(
         says=Message(
-            "{joint}{more} goes at {rate:.3g} {unit} where its target is {goal:.3g}: a velocity "
-            "actuator is a damper, and kv = {kv:.4g} gives the {force:N} that this takes only so "
-            "far off"
+            "{joint}{others} is driven by torques: beyond its weight they give it {driven:N s}, "
+            "and the joint damping in its file, {damping:N s/rad}, takes {taken:N s}"
         ),
-        cure=Remedy("gains", "joint", "stiffer", form="kv"),
-        effect="size",
+        advice=Message(
+            "{call}, or give torques that make up for it: p.calculateInverseDynamics leaves it out"
+        ),
+        cure=Remedy("joint-damping", "body", 0.0),
+        effect="taken",
+        unit="{effort} s",
         share="part",
-    )
+        site="called",
+    ),
 )
