@@ -138,22 +138,26 @@ class SensorExtremes:
         now = [np.frombuffer(view) for view in views]
         ends = np.cumsum([len(each) for each in now])[:-1]
         parts = np.split(np.frombuffer(kept).reshape(EXTREMES, -1), ends, axis=1)
-        self._parts = [*zip(parts, now)]
-        """Recorded extremes of some readings, shape (EXTREMES, numbers), with the current readings.
-        """
+        self._parts = [(*part, each) for part, each in zip(parts, now)]
+        """First, last, least and greatest of some readings, and the current readings."""
         self._is_first = True
         self.place = begin, sum(map(len, now))
         """Index of the first extreme in the shared memory, and the number of readings."""
 
     def add(self) -> None:
         """Update the extremes with the readings after a step."""
-        for kept, now in self._parts:
-            if self._is_first:
-                kept[:] = now
-            kept[1] = now
-            np.fmin(kept[2], now, out=kept[2])
-            np.fmax(kept[3], now, out=kept[3])
-        self._is_first = False
+        if self._is_first:
+            for *kept, now in self._parts:
+                for each in kept:
+                    each[:] = now
+            self._is_first = False
+        for _, last, least, greatest, now in self._parts:
+            last[:] = now
+            _fmin(least, now, least)
+            _fmax(greatest, now, greatest)
+
+
+_fmin, _fmax = np.fmin, np.fmax
 
 
 class WatchedData:

@@ -12,25 +12,19 @@ from struct import Struct
 from typing import TYPE_CHECKING, Any
 
 from ...watching.host import ScriptWatch
-from ...watching.pipe import CALL, HEADER, NOTE, encoded, frame
+from ...watching.pipe import BLOCK, CALL, HEADER, NOTE, encoded, frame
 from ...watching.sites import caller_of
 from .arguments import CLIENT, CLIENT_AT, MODE_AT, UNNAMED, names_of
+from .functions import PUSHES
 
 if TYPE_CHECKING:
     from .worlds import WatchedWorld
 
-    Plan = tuple[
-        WatchedWorld,
-        int,
-        list[str],
-        Callable[..., Any] | None,
-        Callable[..., None],
-        int,
-        int,
-    ]
-    """How to send a call from a place: its simulation; how many arguments it gives by place, and
-    which by name; what returns the numbers in them (None if they are numbers); what packs these;
-    how many bytes that makes; the site."""
+    Before = Callable[[WatchedWorld, tuple[Any, ...], dict[str, Any]], Any]
+    """What is done before a call is sent: its simulation, and its arguments by place and by name.
+    """
+    Send = Callable[[tuple[Any, ...], dict[str, Any]], Any]
+    """Sends a call, and returns the result of `Before`, or None."""
 
 LONGEST = 128
 """Largest number of list values that are reported; of a longer list, the first values and the
@@ -38,7 +32,7 @@ length are."""
 MOST_WHOLE = 1 << 53
 """Largest integer that is exact as a double."""
 MOST_PLANS = 4096
-"""Largest number of call plans that are cached; beyond it, all are rebuilt."""
+"""Largest number of senders that are cached; beyond it, all are rebuilt."""
 
 
 class CallWatch:
@@ -46,21 +40,29 @@ class CallWatch:
 
     def __init__(self, host: ScriptWatch) -> None:
         self._pipe, self._place = host.pipe, host.sites.place
-        self._plans: dict[str, dict[tuple[int, int], Plan]] = {}
+        self._senders: dict[str, dict[tuple[int, int], tuple[WatchedWorld, Send]]] = {}
+        self._before: dict[str, Before | None] = {}
         self._codes: list[Any] = []
         """References to the code objects of call sites, so that Python does not reuse their
         addresses."""
         self._sites: dict[tuple[Any, ...], int] = {}
 
-    def plans(self, name: str) -> dict[tuple[int, int], Plan]:
-        """Return the cached plans by which calls of a function are sent, by call site."""
-        return self._plans.setdefault(name, {})
+    def senders(
+        self, name: str, before: Before | None
+    ) -> dict[tuple[int, int], tuple[WatchedWorld, Send]]:
+        """Return the cached senders of a function's calls and their simulations, by call site.
+
+        A sender raises an error, and has sent nothing, if a call differs in more than its numbers
+        from the one for which the sender was made.
+        """
+        self._before[name] = before
+        return self._senders.setdefault(name, {})
 
     def forget(self) -> None:
-        """Discard all cached plans, because a simulation has ended or there are too many plans."""
+        """Discard all cached senders, because a simulation has ended or there are too many."""
         self._codes = []
-        for plans in self._plans.values():
-            plans.clear()
+        for senders in self._senders.values():
+            senders.clear()
 
     def tell(
         self,
@@ -70,7 +72,7 @@ class CallWatch:
         kwargs: dict[str, Any],
         place: Any,
     ) -> None:
-        """Send a call, and prepare a plan to send further calls from the same site quickly."""
+        """Send a call, and prepare to send further calls from the same site quickly."""
         form, caller = Form(name, args, kwargs), caller_of(place)
         code = caller.f_code
         described = (
@@ -100,57 +102,93 @@ class CallWatch:
         packed = Struct(f"<cIII{len(form.numbers)}d")
         length = packed.size - HEADER.size
         self._pipe.write(packed.pack(CALL, length, world.number, site, *form.numbers))
-        if caller is not place:
+        if caller is not place or name not in self._senders:
             return
-        flat, values = None, (*args, *kwargs.values())
-        names_client = CLIENT in kwargs or len(args) > CLIENT_AT.get(name, len(args))
-        checked = names_client or name == UNNAMED
-        if checked or not {int, float}.issuperset(map(type, values)):
-            flat = numbers_of(name, args, kwargs)
-            if flat is None or len(flat(*values)) != len(form.numbers):
-                return
+        before, given = self._before[name], (*args, *kwargs.values())
+        source = _source_of(name, args, kwargs, before, len(form.numbers))
+        if source is None:
+            return
         if len(self._codes) >= MOST_PLANS:
             self.forget()
-        plans, key = self.plans(name), (id(code), place.f_lasti)
-        if key not in plans:
+        senders, key = self._senders[name], (id(code), place.f_lasti)
+        if key not in senders:
             self._codes.append(code)
-        plans[key] = world, len(args), [*kwargs], flat, packed.pack_into, packed.size, site
+        senders[key] = world, _compiled(source)(self._pipe, world, before, packed, site, given)
 
 
-def numbers_of(
-    name: str, args: tuple[Any, ...], kwargs: dict[str, Any]
-) -> Callable[..., Any] | None:
-    """Return a function that extracts the numbers from the arguments of similar calls.
+SENDER = """def made(pipe, world, before, packed, site, k):
+ pack, size, number = packed.pack_into, packed.size, world.number
+ length = size - HEADER
+ def send(args, kwargs):
+  {arguments}
+  if not ({checks}): raise ValueError
+  {items}
+  noted = {noted}
+  end = pipe.end if pipe.end <= pipe.limit else pipe.make_room()
+  pack(pipe.memory, end, CALL, length, number, site, {numbers})
+  pipe.end = end = end + size
+  pipe.counts[1] = end - BLOCK
+  return noted
+ return send
+"""
+"""Source text of a function that sends similar calls, without a loop over their numbers."""
+
+
+def _source_of(
+    name: str,
+    args: tuple[Any, ...],
+    kwargs: dict[str, Any],
+    before: Before | None,
+    count: int,
+) -> str | None:
+    """Return the source text of a function that sends calls like this one, of `count` numbers.
 
     The function raises an error if an argument has another length or text, or refers to another
     simulation. None if the types of the arguments do not determine their structure.
     """
-    terms, checks = [], []
+    arguments = [f"[{', '.join(f'a{at}' for at in range(len(args)))}] = args"]
+    checks, items, numbers = [f"len(kwargs) == {len(kwargs)}"], list[str](), list[str]()
     for at, (key, value) in enumerate([*enumerate(args), *kwargs.items()]):
-        kind, its = type(value), f"a[{at}]"
-        if kind is int or kind is float:
-            terms.append(its)
-        elif kind in (list, tuple, range) and len(value) <= LONGEST:
-            terms.append(f"*{its}")
-            checks.append(f"len({its}) == {len(value)}")
-        elif is_numpy(kind) and value.ndim < 2 and value.size <= LONGEST:
-            terms.append(f"*{its}.tolist()" if value.ndim else f"{its}.tolist()")
-            checks.append(f"{its}.shape == {value.shape}")
-        elif value is None or kind in (bool, str, bytes):
-            checks.append(f"{its} == k[{at}]")
-        else:
-            return None
-        if key == CLIENT:
-            del terms[-1:]
+        kind, its, several = type(value), f"a{at}", None
+        if at >= len(args):
+            arguments.append(f"{its} = kwargs[{key!r}]")
         if key in (CLIENT, CLIENT_AT.get(name)) or (name == UNNAMED and key == MODE_AT):
             checks.append(f"{its} == k[{at}]")
-    source = f"[{', '.join(terms)}] if {' and '.join(checks) or True} else no_numbers"
-    return _compiled(source)((*args, *kwargs.values()))
+        if kind in (list, tuple, range) and len(value) <= LONGEST:
+            checks.append(f"len({its}) == {len(value)}")
+            several = its
+        elif is_numpy(kind) and value.ndim < 2 and value.size <= LONGEST:
+            checks.append(f"{its}.shape == {value.shape}")
+            its = f"{its}.tolist()"
+            several = its if value.ndim else None
+        elif value is None or kind in (bool, str, bytes):
+            checks.append(f"{its} == k[{at}]")
+            continue
+        elif kind is not int and kind is not float:
+            return None
+        if key == CLIENT:
+            continue
+        each = [its] if several is None else [f"a{at}_{place}" for place in range(len(value))]
+        if several is not None:
+            items.append(f"[{', '.join(each)}] = {several}")
+        numbers += each
+    if len(numbers) != count:
+        return None
+    noted = "None" if before is None else "before(world, args, kwargs)"
+    return SENDER.format(
+        arguments="; ".join(arguments),
+        checks=" and ".join(checks),
+        items="; ".join(items) or "pass",
+        noted=f"{noted} if world.touched else None" if name in PUSHES else noted,
+        numbers=", ".join(numbers),
+    )
 
 
 @cache
-def _compiled(source: str) -> Callable[[Any], Callable[..., Any]]:
-    made: Callable[[Any], Callable[..., Any]] = eval(f"lambda k: lambda *a: {source}")
+def _compiled(source: str) -> Callable[..., Send]:
+    names: dict[str, Any] = {"CALL": CALL, "HEADER": HEADER.size, "BLOCK": BLOCK.size}
+    exec(source, names)
+    made: Callable[..., Send] = names["made"]
     return made
 
 

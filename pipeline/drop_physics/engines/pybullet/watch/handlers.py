@@ -7,6 +7,7 @@ looked up by the function's name.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from sys import _getframe
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -90,56 +91,42 @@ def stepping(watch: BulletWatch, name: str, original: Any) -> Call:
 def changing(watch: BulletWatch, name: str, original: Any) -> Call:
     """Wrap a function that changes a simulation, to send the call and read changed properties.
 
-    A call that resembles an earlier one is written directly to the shared block; `CallWatch.tell`
-    handles all others.
+    `CallWatch.tell` sends a call that resembles no earlier one, and prepares what sends the next.
     """
     host, pipe, worlds, calls = watch.host, watch.pipe, watch.worlds, watch.calls
     lock = host.lock
     acquire, release, kept = lock.acquire, lock.release, lock.kept
-    real_time, plan_of = watch.real_time_since, calls.plans(name).get
-    (before, after), frame = _effects(name), _getframe
-    letter, head, block = protocol.CALL, protocol.HEADER.size, protocol.BLOCK.size
+    real_time, frame = watch.real_time_since, _getframe
+    before, after = _effects(watch, name)
+    senders = calls.senders(name, before)
 
     def change(*args: Any, **kwargs: Any) -> Any:
         try:
             if not host.on:
                 return original(*args, **kwargs)
-            told = noted = None
+            told = noted = world = None
             acquire()
             try:
                 if host.stopped or pipe.gone or real_time:
                     host.check()
                     watch.let_time_pass()
-                place, world, numbers = frame(1), None, None
-                plan = plan_of((id(place.f_code), place.f_lasti))
-                if plan is not None and len(args) == plan[1] and [*kwargs] == plan[2]:
-                    world, _, _, flat, pack, size, site = plan
-                    if flat is None:
-                        numbers = (*args, *kwargs.values())
-                    else:
-                        try:
-                            numbers = flat(*args, *kwargs.values())
-                        except Exception:  # noqa: BLE001 - an argument is of another form
-                            world = None
+                place = frame(1)
+                try:
+                    world, send = senders[id(place.f_code), place.f_lasti]
+                    noted = send(args, kwargs)
+                except Exception:  # noqa: BLE001 - the first of its kind
+                    world = None
                 if world is None:
                     world = worlds.get(client_of(name, args, kwargs))
                     if world is None:
                         return original(*args, **kwargs)
-                if before is not None:
-                    noted = before(watch, world, name, args, kwargs)
-                try:
-                    if numbers is None:
-                        raise LookupError
-                    end = pipe.end if pipe.end <= pipe.limit else pipe.make_room()
-                    pack(pipe.memory, end, letter, size - head, world.number, site, *numbers)
-                    pipe.end = end = end + size
-                    pipe.counts[1] = end - block
-                except Exception:  # noqa: BLE001 - likewise
+                    if before is not None:
+                        noted = before(world, args, kwargs)
                     watch.guarded(world, calls.tell, world, name, args, kwargs, place)
                 told = world
                 result = original(*args, **kwargs)
                 if after is not None:
-                    after(watch, world, name, noted, result)
+                    after(world, noted, result)
                 return result
             except Exception as error:
                 _raised(watch, told, name, error)
@@ -155,27 +142,27 @@ def changing(watch: BulletWatch, name: str, original: Any) -> Call:
     return change
 
 
-def _effects(name: str) -> tuple[Call | None, Call | None]:
+def _effects(watch: BulletWatch, name: str) -> tuple[Call | None, Call | None]:
     """Return further actions before and after a call of a function; None for no action."""
     if name in MOVES_BODY:
-        return _before_move, None
+        return partial(_before_move, watch, name), None
     if name in PUSHES:
-        return _before_push, None
+        return partial(_before_push, watch), None
     if name in READ_AGAIN:
-        return _before_change, _after_change
+        return partial(_before_change, watch, name), partial(_after_change, watch, name)
     if name in IK:
-        return None, _after_ik
-    return None, _after_creation if name in RETURNS else None
+        return None, partial(_after_ik, watch)
+    return None, partial(_after_creation, watch) if name in RETURNS else None
 
 
-def _after_ik(watch: BulletWatch, _: WatchedWorld, __: str, ___: Any, result: Any) -> None:
+def _after_ik(watch: BulletWatch, _: WatchedWorld, __: Any, result: Any) -> None:
     """Send a result of inverse kinematics, so that its later use as a target is recognised."""
     if type(result) is tuple and result:
         watch.pipe.send(protocol.RESULT, protocol.NUMBER.pack(max(result, key=abs)))
 
 
 def _before_move(
-    watch: BulletWatch, world: WatchedWorld, name: str, args: Any, kwargs: Any
+    watch: BulletWatch, name: str, world: WatchedWorld, args: Any, kwargs: Any
 ) -> None:
     """Note which body a call moves, and which parts of its state the call sets."""
     body = args[0] if args else kwargs.get("bodyUniqueId", kwargs.get("objectUniqueId"))
@@ -201,7 +188,7 @@ def _before_push(watch: BulletWatch, world: WatchedWorld, *_: Any) -> None:
 
 
 def _before_change(
-    watch: BulletWatch, world: WatchedWorld, name: str, args: Any, kwargs: Any
+    watch: BulletWatch, name: str, world: WatchedWorld, args: Any, kwargs: Any
 ) -> dict[str, Any]:
     arguments = named(name, args, kwargs)
     watch.guarded(world, before_change, world, name, arguments)
@@ -209,17 +196,18 @@ def _before_change(
 
 
 def _after_change(
-    watch: BulletWatch, world: WatchedWorld, name: str, arguments: dict[str, Any], result: Any
+    watch: BulletWatch, name: str, world: WatchedWorld, arguments: dict[str, Any], result: Any
 ) -> None:
-    _after_creation(watch, world, name, arguments, result)
+    if name in RETURNS:
+        _after_creation(watch, world, arguments, result)
     watch.guarded(world, after_change, world, name, arguments, result)
     if name == "setRealTimeSimulation":
         watch.set_real_time(world, on=bool(arguments.get("enableRealTimeSimulation", 0)))
     watch.pipe.tick()
 
 
-def _after_creation(watch: BulletWatch, _: WatchedWorld, name: str, __: Any, result: Any) -> None:
-    if type(result) is int and name in RETURNS:
+def _after_creation(watch: BulletWatch, _: WatchedWorld, __: Any, result: Any) -> None:
+    if type(result) is int:
         watch.pipe.send(protocol.RESULT, protocol.NUMBER.pack(result))
 
 
