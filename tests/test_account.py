@@ -406,6 +406,51 @@ def test_a_start_is_told_in_both_orders_of_its_quaternion_and_in_both_frames(tol
     assert f"with w last the same numbers are {math.degrees(0.5):.3g}° about y" in row.told
 
 
+PENDULUM = """<body name="arm" pos="0 0 1"><joint name="pin" axis="0 1 0" damping="0.1"/>
+<geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.02" mass="1"/>
+<site name="tip" pos="0.4 0 0"/></body>"""
+USES = {
+    "kept": ("trace.append(data.qpos)", "trace.append(data.qpos.copy())"),
+    "stale": (
+        "data.qpos[0] = 1.0 if step == 1 else data.qpos[0]; tip = data.site_xpos[0].copy()",
+        "data.qpos[0] = 1.0 if step == 1 else data.qpos[0]; mujoco.mj_kinematics(model, data); "
+        "tip = data.site_xpos[0].copy()",
+    ),
+    "overwritten": ("data.qfrc_passive[0] = -5", "data.qfrc_applied[0] = -data.qfrc_passive[0]"),
+    "left": (
+        "if step < 20: data.xfrc_applied[1, 2] = 7",
+        "data.xfrc_applied[1, 2] = 7 if step < 20 else 0",
+    ),
+}
+"""For each use of an array: a line that has another effect than it seems, and a right one."""
+
+
+@pytest.mark.parametrize("use", some(USES, 4))
+def test_a_use_of_an_array_to_another_effect_is_told_with_its_line(
+    tmp_path: Path, told: Told, use: str
+) -> None:
+    for line, is_wrong in zip(USES[use], (True, False), strict=True):
+        before = f"trace = [] if not step else trace\n    {line}"
+        rows = [row for row in told(PENDULUM, "", before, 120) if row.site and "script" in row.site]
+        assert len(rows) == is_wrong, [str(row.told) for row in rows]
+        if is_wrong:
+            file, _, number = str(rows[0].site).partition(":")
+            assert line in (tmp_path / file).read_text().splitlines()[int(number) - 1]
+            said = str(rows[0].told)
+    if use == "kept":
+        assert said.startswith("qpos is kept in 64 steps or more")
+    elif use == "stale":  # the tip goes from an angle of nearly 0 to one of 1 rad
+        off = float(re.findall(r"is ([\d.]+) m off", said)[0])
+        assert off == pytest.approx(0.4 * math.sin(1.0), rel=1e-2)
+        assert "site_xpos of tip" in said
+    elif use == "overwritten":
+        assert said.startswith("qfrc_passive is written before 64 steps or more, to no effect")
+    else:
+        assert (
+            "xfrc_applied of arm is used before 20 steps, for the last time before step 20" in said
+        )
+
+
 SWING = """<body name="upper" pos="0 0 2"><joint name="shoulder" axis="0 1 0"/>
 <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.02" mass="2"/>{site}
 <body name="lower" pos="0.4 0 0"><joint name="elbow" axis="0.6 0.8 0" damping="0.3"/>

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from drop_physics.account import asked, moved
+from drop_physics.account.array_uses import array_use_rows
 from drop_physics.account.carried import Carried, across_joints
 from drop_physics.account.constrained import Held, coupling
 from drop_physics.account.engine_resets import engine_reset_rows
@@ -178,6 +179,7 @@ class Account:
         links = self._touches.links
         yield from reading_rows(self._seen, subjects, links, self._filtered, words)
         yield from self._sensed.rows(self._seen, subjects, links, words)
+        yield from array_use_rows(self._seen)
         yield from self._pushed.rows()
         yield from self._static.rows()
         if self._seen.windows:  # what touched, and held, is known of some steps only

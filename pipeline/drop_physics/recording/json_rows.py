@@ -23,6 +23,7 @@ from pydantic_core import CoreSchema, SchemaValidator, core_schema
 from drop_physics.recording import schema
 from drop_physics.trace.events import (
     Appearance,
+    ArrayUse,
     At,
     Body,
     Dynamics,
@@ -64,6 +65,7 @@ ENTITIES: Mapping[type[Any], str] = {
     Equality: schema.EQUALITIES,
     EpisodeEnd: schema.EPISODES,
     Sensor: schema.SENSORS,
+    ArrayUse: schema.ARRAY_USES,
 }
 """Entity that stores the events of each class."""
 MESH, ARRAYS = "mesh", ("corners_m", "triangles")

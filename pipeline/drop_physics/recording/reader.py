@@ -36,6 +36,7 @@ from drop_physics.recording.whole_steps import last_whole_step
 from drop_physics.scenario import Camera, Scenario
 from drop_physics.trace.events import (
     Appearance,
+    ArrayUse,
     At,
     Dynamics,
     EngineWarning,
@@ -323,6 +324,7 @@ def _seen(
         equalities=json_rows.events(told, Equality),
         episode_ends=json_rows.events(told, EpisodeEnd),
         sensors=json_rows.events(told, Sensor),
+        array_uses=json_rows.events(told, ArrayUse),
     )
 
 

@@ -119,12 +119,15 @@ EPISODES = "episodes"
 length and return."""
 SENSORS = "sensors"
 """Entity with a row for each sensor of a model, written at the end: the measured values."""
+ARRAY_USES = "array_uses"
+"""Entity with a row for each script line that uses an array to another effect than it seems to,
+written at the end."""
 
 JSON = "json"
 """Name of the column that stores rows of JSON."""
 TOLD = (
     *(BODIES, SURFACES, SET, DYNAMICS, SETTINGS, SOLVER, READINGS, SITES, RAISED, CAUSES, PAIRS),
-    *(WARNINGS, EQUALITIES, EPISODES, SENSORS),
+    *(WARNINGS, EQUALITIES, EPISODES, SENSORS, ARRAY_USES),
 )
 """Entities with rows of JSON, which share one digest."""
 

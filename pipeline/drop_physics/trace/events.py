@@ -698,6 +698,39 @@ class Sensor:
 
 
 @dataclass(frozen=True)
+class ArrayUse:
+    """A line of the script by which an array of the engine is used to another effect than it seems.
+
+    The uses of one line are told once, at the end.
+    """
+
+    at: At
+    """The moment of the first use."""
+    client: int
+    use: str
+    """`kept`: a reference to the array is kept, which shows its later values; `stale`: the array is
+    read after positions were written, and before it is computed from them; `overwritten`: the array
+    is written, and computed anew before it has an effect; `left`: a force is written again and
+    again, and then left where it is."""
+    name: str
+    """Name of the array: `qpos`, `site_xpos` …"""
+    file: str
+    """File of the line, without this machine's folders."""
+    line: int
+    """Line number, from 1."""
+    count: int
+    """Number of steps, or of readings, in which the line did so at least; of steps before which a
+    force was used."""
+    last_step: int
+    """Number of steps before the last of these uses that was reported."""
+    size: float = 0.0
+    """Difference between what was read and what is computed next; magnitude of a force that is
+    left."""
+    element: str = ""
+    """Name of the body, site or other element that was read; empty if it is unknown."""
+
+
+@dataclass(frozen=True)
 class EpisodeEnd:
     """The end of an episode, as returned by a gymnasium environment."""
 
@@ -755,6 +788,7 @@ Event = (
     | EngineWarning
     | Equality
     | EpisodeEnd
+    | ArrayUse
     | Sensor
     | Impulses
     | Controls

@@ -15,6 +15,7 @@ from drop_physics.arrays import Float64, Int64
 from drop_physics.errors import ScenarioError
 from drop_physics.trace.events import (
     Appearance,
+    ArrayUse,
     Body,
     Dynamics,
     EngineWarning,
@@ -185,6 +186,7 @@ class Seen:
     cuts: Sequence[int] = ()
     """Samples at which a chunk must begin."""
     sensors: Sequence[Sensor] = ()
+    array_uses: Sequence[ArrayUse] = ()
 
     @property
     def engine(self) -> str:

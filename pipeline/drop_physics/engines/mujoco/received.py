@@ -356,6 +356,8 @@ class Received:
         self.idle: list[tuple[int, int]] = []
         """Simulations, each with its model, whose derived data were recomputed repeatedly without a
         step."""
+        self.array_uses: dict[tuple[int, str, str, int], dict[str, Any]] = {}
+        """The latest report of each use of an array, by simulation, kind, array and site."""
         self.warnings: list[str] = []
         """The distinct texts of MuJoCo's warnings."""
         self.callbacks: list[str] = []
@@ -566,6 +568,27 @@ class Received:
             its.leave_out(its.decided, its.step)
             self._whole.left_out += 1
         its.decided = its.step
+
+    def _on_use(
+        self,
+        world: int,
+        use: str,
+        name: str,
+        site: int,
+        count: int,
+        since: int = 0,
+        **more: Any,  # noqa: ANN401
+    ) -> None:
+        its = self._worlds[world]
+        last = max(its.step - since, 0)
+        first = self.array_uses.get((world, use, name, site), {}).get("first", last)
+        self.array_uses[world, use, name, site] = {
+            **more,
+            "model": its.model,
+            "first": first,
+            "last": last,
+            "count": count,
+        }
 
     def _on_uncaught(self, **what: Any) -> None:  # noqa: ANN401
         self.uncaught.append(what)

@@ -51,6 +51,7 @@ from drop_physics.temporary import TemporaryFolder
 from drop_physics.trace.acts import PICTURE
 from drop_physics.trace.events import (
     Appearance,
+    ArrayUse,
     At,
     Calls,
     Controls,
@@ -298,12 +299,35 @@ class MujocoDecoder:
             if not self.steps:
                 for world, model in self._received.idle:
                     yield self._settings(self._simulation(world, model, 0), At(0, 0.0, 0))
+            yield from self._array_uses()
         for (world, _), its in self._simulations.items():
             yield from its.warned.values()
             if self._received is not None and world in self._received.sensed and its.ends:
                 begin, numbers = self._received.sensed[world]
                 kept = answers[begin : begin + EXTREMES * numbers].reshape(EXTREMES, numbers)
                 yield from sensors_of(its.described, its.client, kept)
+
+    def _array_uses(self) -> Iterator[ArrayUse]:
+        """Yield the lines by which the script uses arrays to another effect than it seems."""
+        assert self._received is not None
+        for (world, use, name, site), told in self._received.array_uses.items():
+            its = self._simulations.get((world, told["model"]))
+            if its is None or not its.ends:
+                continue
+            line = self._received.sites[site]
+            first, last = (max(told[key] - its.first, 0) for key in ("first", "last"))
+            yield ArrayUse(
+                At(first, its.time_s(first), self._calls),
+                its.client,
+                use,
+                name,
+                line.file,
+                line.line,
+                told["count"],
+                last,
+                told.get("size", 0.0),
+                told.get("element", ""),
+            )
 
     def explained(self, python: str) -> Iterator[Event]:
         """Replay and explain all steps of a short run; yield the explanations as events.

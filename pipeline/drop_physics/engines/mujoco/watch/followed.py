@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 PIECE_BYTES = 1 << 20
 """Chunk size in which a model's binary form is sent [bytes]."""
 MOVING = ("qpos", "qvel")
+EMPTIES = ("mj_resetData", "mj_resetDataKeyframe", "mj_resetDataDebug", "mj_setState")
+"""Functions that set positions, and compute nothing from them."""
 IDLE_CALLS = 10
 """Number of `mj_forward` calls after which a script without steps counts as waiting for motion."""
 MEMORY, POSED, FIRST, RESET = map(CAUSES.index, ("memory", "posed", "first", "step"))
@@ -188,6 +190,8 @@ class WatchedData:
         self._warnings = bytearray(self.warned)
         self._passive = memory.view_of(d.qfrc_passive.ctypes.data, d.qfrc_passive.nbytes)
         self._sensed = SensorExtremes.of(watch, d)
+        self.uses = watch.uses_of(d)
+        self.uses.follow(self)
         self.lost = False
         """Whether the simulation is no longer followed, because of an error."""
         self.time = self.elapsed_s = 0.0
@@ -285,6 +289,7 @@ class WatchedData:
             head = DONE_HEAD.pack(DONE, cause, 0, self.number, site, argument)
             self.watch.send(head)
         self._posed = None
+        self.uses.is_reset = CAUSES[cause] in EMPTIES
 
     def drawn(self, site: int, cause: int, digest: int) -> None:
         """Send the digest of an image that shows the state."""
@@ -350,6 +355,8 @@ class WatchedData:
         self._posed = None
         if self._sensed is not None:
             self._sensed.add()
+        if self.uses.read or self.uses.forces or self.uses.is_reset:
+            self.uses.after(step=True)
         if reset or self.asleep.saved != self.asleep.view:
             self.tell_written(d, site, RESET)
         # MuJoCo clears the counters where it resets itself: then they may be what they were.

@@ -24,7 +24,8 @@ from ...watching.single_changes import Change
 from ...watching.sites import caller
 from ..frames import CALLBACKS, CAUSES, READS, STEPS, note_bytes
 from ..memory import layout_of_options
-from . import pictures, uncaught, unfilled
+from . import array_uses, pictures, uncaught, unfilled
+from .array_uses import ArrayUses
 from .followed import WatchedData, WatchedModel
 from .intervene import ModelChanges
 from .observed import ObservedData
@@ -94,6 +95,13 @@ class MujocoWatch(EngineWatch):
         """Observed simulations, by the `id` of the MjData."""
         self.callbacks: dict[str, Any] = {}
         """The script's own callbacks, by name."""
+        self.uses: dict[int, ArrayUses] = {}
+        """The uses of each MjData's arrays, by its `id`."""
+        self.owners: dict[int, ArrayUses] = {}
+        """The same for the views of elements, by their `id`."""
+        self.only_read: dict[tuple[int, int], int] = {}
+        """Number of times that an instruction got an array and left it unchanged, by the `id` of
+        its code object."""
         self._changes = ModelChanges(self, operations, variation or {}, host.tell_intervention)
         self._stands_before = self._changes.any or host.forks is not None
         self.depth = 3 if self._stands_before else 1
@@ -169,6 +177,7 @@ class MujocoWatch(EngineWatch):
             with suppress(ImportError, LookupError):
                 layout_of_options()  # here once, and not in each trial that forks
         unfilled.install(module, self.host.on_removal)
+        array_uses.install(self, module)
         self.tell("mujoco", version=module.__version__, python=sys.version.split()[0])
         self.host.on_import("mujoco.viewer", self._on_viewer)
         for name in uncaught.IMPORTED:
@@ -244,6 +253,13 @@ class MujocoWatch(EngineWatch):
                 self.sites[key[:2]] = site
         return site
 
+    def uses_of(self, d: Any) -> ArrayUses:
+        """Return the uses of an MjData's arrays."""
+        uses = self.uses.get(id(d))
+        if uses is None or uses.ref() is not d:
+            uses = self.uses[id(d)] = ArrayUses(self, d)
+        return uses
+
     # -- states -----------------------------------------------------------------------------------
 
     def seen(self, m: Any, d: Any, place: Any) -> tuple[WatchedData | None, int]:
@@ -282,7 +298,7 @@ class MujocoWatch(EngineWatch):
 
     def _forget(self) -> None:
         """Drop models and states that the script has released."""
-        for table in (self.data, self.models):
+        for table in (self.data, self.models, self.uses, self.owners):
             gone = [key for key, held in table.items() if held.ref() is None]
             for key in gone:
                 del table[key]
@@ -407,6 +423,8 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
                     # Between the steps of one call, nobody else can have written.
                     if not pipe.muted and (not made or callbacks or active_count() > 1):
                         state.before(d, site)
+                        if state.uses.got:
+                            state.uses.before(computes=not number)
                     if number:
                         function = number | state.staleness(everything=number > 1)
                     if callbacks:
@@ -506,6 +524,8 @@ def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
                 watch.guarded(state, state.read, d, site, cause)
             elif state is not None:
                 watch.guarded(state, state.pose, d, site, cause, complete)
+                if state.uses.got:
+                    watch.guarded(state, partial(state.uses.before, computes=complete))
                 if callbacks and name == "mj_step1":
                     watch.begin_calling(state)
         try:
@@ -513,6 +533,9 @@ def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
         finally:
             if now:
                 now[get_ident()] = outer
+            if state is not None and not reads:
+                with host.lock:
+                    watch.guarded(state, partial(state.uses.after, step=False))
 
     return host.standing(original, pose)
 
