@@ -1512,6 +1512,84 @@ def test_what_stands_still_is_told_with_what_holds_it(tmp_path: Path) -> None:
     assert "its mass is 0 since script.py:11" in the(rows, "idle", "1_cube_small").told
 
 
+LOOSE = """
+import pybullet as p
+
+p.connect(p.DIRECT)
+p.setGravity(0, 0, -10)
+box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.1])
+floor = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
+
+
+def chain(joints, place, mass, positions, axis):
+    n = len(joints)
+    return p.createMultiBody(
+        mass, box, basePosition=place, linkMasses=[1] * n, linkCollisionShapeIndices=[box] * n,
+        linkVisualShapeIndices=[-1] * n, linkPositions=positions,
+        linkOrientations=[[0, 0, 0, 1]] * n, linkInertialFramePositions=[[0, 0, 0]] * n,
+        linkInertialFrameOrientations=[[0, 0, 0, 1]] * n,
+        linkParentIndices=[*range(n)], linkJointTypes=joints, linkJointAxis=[axis] * n)
+
+
+# The foot is a link, and the rug has no link but its base.
+table = chain([p.JOINT_FIXED], [0, 0, 0.3], 1, [[0, 0, -0.2]], [0, 0, 1])
+rug = p.createMultiBody(1, box, basePosition=[3, 0, 0.1])
+for body in (table, rug):
+    p.changeDynamics(body, -1, restitution=0.25)
+swing = chain([p.JOINT_REVOLUTE] * 3, [9, 0, 5], 0, [[0, 0, -0.3]] * 3, [0, 1, 0])
+for joint in (0, 2):
+    p.setJointMotorControl2(swing, joint, p.VELOCITY_CONTROL, force=0)
+p.resetJointState(swing, 0, 1)
+turret = chain([p.JOINT_REVOLUTE] * 2, [-9, 0, 5], 0, [[0, 0, 0.3]] * 2, [0, 0, 1])
+p.setJointMotorControlArray(
+    turret, [0, 1], p.VELOCITY_CONTROL, targetPositions=[0.5, 0], targetVelocities=[0, 0])
+for step in range(100):
+    p.stepSimulation()
+    if step == 49:
+        p.resetBasePositionAndOrientation(rug, [3, 2, 1.1], [0, 0, 0, 1])
+        p.resetBaseVelocity(rug, [5, 0, 0])
+"""
+
+
+@pytest.fixture(scope="module")
+def loose(tmp_path_factory: pytest.TempPathFactory) -> list[AccountRow]:
+    """Return the account of a script whose settings reach other links and joints than meant."""
+    folder = tmp_path_factory.mktemp("loose")
+    script = folder / "script.py"
+    script.write_text(LOOSE)
+    return [*analyze(record_script(str(script), out=folder / "script.rrd").recording).account]
+
+
+@pytest.mark.pybullet
+def test_a_setting_of_a_link_that_touches_nothing_is_told(loose: list[AccountRow]) -> None:
+    (row,) = [row for row in loose if row.kind == "idle" and "restitution" in row.told]
+    assert (row.body, row.asked) == ("1_box", 0.25)
+    assert "sets restitution=0.25 for the base, which touches nothing; what touches is" in row.told
+
+
+@pytest.mark.pybullet
+def test_a_joint_whose_motor_alone_is_left_on_is_told(loose: list[AccountRow]) -> None:
+    (row,) = [row for row in loose if "calls switch off the motors of 2 others" in row.told]
+    assert (row.body, row.joint) == ("3_box", "joint2")
+    assert row.salience > 0.5
+
+
+@pytest.mark.pybullet
+def test_a_position_that_a_command_of_a_rate_ignores_is_told(loose: list[AccountRow]) -> None:
+    """The second joint is sent to 0, which is where it is."""
+    (row,) = [row for row in loose if row.kind == "asked"]
+    assert (row.body, row.joint, row.asked, row.alike) == ("4_box", "joint1", 0.5, 0)
+    assert "script.py:30 commands a rate, 0 rad/s, and ignores the position" in row.told
+
+
+@pytest.mark.pybullet
+def test_what_a_script_and_what_steps_move_is_told_apart(loose: list[AccountRow]) -> None:
+    """The rug is put 2 m aside, and flies 50 steps of 1/240 s at 5 m/s."""
+    (row,) = [row for row in loose if row.kind == "moved" and row.body == "2_box"]
+    assert re.match(r"x \+1.0\d m, y \+2 m .*; the script wrote its state, ", row.told)
+    assert re.search(r"steps move it by x \+1.0\d m(;|$)", row.told)
+
+
 def test_a_reset_by_the_engine_is_told_with_what_acted_before(told: Told) -> None:
     """A servo in degrees: 200 N m/rad times 30 rad."""
     arm = (

@@ -13,7 +13,13 @@ from drop_physics.account.carried import Carried, across_joints
 from drop_physics.account.constrained import Held, coupling
 from drop_physics.account.engine_resets import engine_reset_rows
 from drop_physics.account.feedback import GivenControls
-from drop_physics.account.idle import MadeStatic, PushedSoft, idle_actuator_rows, unforced_row
+from drop_physics.account.idle import (
+    IdleSettings,
+    MadeStatic,
+    PushedSoft,
+    idle_actuator_rows,
+    unforced_row,
+)
 from drop_physics.account.joints import JointTable
 from drop_physics.account.ledger import Ledger, bins_for
 from drop_physics.account.names import Names
@@ -44,6 +50,7 @@ from drop_physics.messages import Message
 from drop_physics.trace.acts import MAKES
 from drop_physics.trace.events import Actuator, Body
 from drop_physics.trace.history import Seen
+from drop_physics.trace.log import Log
 
 
 class Account:
@@ -89,8 +96,12 @@ class Account:
         """The first sample of each body with a nan or infinite state."""
         self._held, self._overlaps = Held(seen, times), Overlaps(seen)
         self._sensed, self._pushed, self._static = Sensed(seen), PushedSoft(), MadeStatic()
+        self._settings = IdleSettings(seen)
         self._filtered: dict[frozenset[int], str] = {}
         """The script line that may have disabled contacts of two bodies, or of one, by body ids."""
+        self._ignored: dict[tuple[int, int], tuple[float, str]] = {}
+        """The last position given to a motor for rates, and the script line, by body id and link.
+        """
         self._made: dict[tuple[int, int], set[str]] = {}
         """The script lines that created bodies, by client and the engine's id."""
 
@@ -115,11 +126,27 @@ class Account:
             if np.isfinite(call.result):
                 made = self._made.setdefault((call.client, int(call.result)), set())
                 made.add(call.site.place)
+        self._note_ignored(explained.piece.calls)
         self._sensed.add(explained, points)
         self._held.add(explained, points)
         self._overlaps.add(explained)
         self._pushed.add(explained)
         self._static.add(explained)
+        self._settings.add(explained)
+
+    def _note_ignored(self, calls: Log) -> None:
+        for command in calls.commands():
+            targets = command.ignored_targets
+            if targets is None:
+                continue
+            rows = np.flatnonzero(~np.isnan(targets))
+            joints = zip(command.bodies[rows].tolist(), command.joints[rows].tolist(), strict=True)
+            last = dict(zip(joints, rows.tolist(), strict=True))
+            for (engine_id, link), row in last.items():
+                came, (which,) = calls.bodies_at(command.client, engine_id, command.calls[[row]])
+                if which >= 0:
+                    key = came[which].body.number, link
+                    self._ignored[key] = float(targets[row]), command.site.place
 
     def rows(self, totals: Mapping[int, Totals]) -> list[AccountRow]:
         """Return all rows, unsorted; `totals` are the explanation's totals by body."""
@@ -184,6 +211,7 @@ class Account:
         yield from self._static.rows()
         if self._seen.windows:  # what touched, and held, is known of some steps only
             return
+        yield from self._settings.rows(links, words)
         yield from self._held.rows(subjects, words)
         yield from touching_rows(links, subjects, self._seen, words)
         yield from self._overlaps.rows(subjects, links, words)
@@ -232,9 +260,12 @@ class Account:
             rate = series.asked_rate[:, k]
             turns = np.isfinite(rate)
             row: AccountRow | None
+            ignored = self._ignored.get((number, axis.joint.link))
             if np.isfinite(series.target[:, k]).mean() > asked.SELDOM:
                 needs = None if efforts is None else efforts.at_target(k)
                 row = asked.position_row(subject, axis, series, words, needs, given.stiffness(k))
+            elif ignored is not None:
+                row = asked.ignored_row(subject, axis, series, words, *ignored)
             elif turns.mean() > asked.SELDOM and np.abs(rate[turns]).max(initial=0.0) > 0:
                 row = asked.rate_row(subject, axis, series, words)
             elif motors or torqued[:, k].mean() > asked.SELDOM:

@@ -44,6 +44,9 @@ HOLD_STEPS, LATE = 5, 0.85
 """After a jump of the target, the gap counts in steps in which it is larger than at the jump, and
 from the share LATE of the hold on, if the target stays the same for at least HOLD_STEPS."""
 ROUND = 1e-9
+ARRIVED = 0.01
+"""Largest distance from a position at which a joint has arrived there: a share of the joint's
+scale, in radians or of the body's size."""
 
 
 @dataclass(frozen=True)
@@ -180,6 +183,46 @@ def position_row(
         cause="position",
         span=(int(steps[since]), int(steps[row]), row - since + 1),
         noted={"balance": balance},
+    )
+
+
+def ignored_row(
+    subject: MeasuredBody,
+    axis: Axis,
+    series: JointSeries,
+    words: RowWords,
+    target: float,
+    line: str,
+) -> AccountRow | None:
+    """Return the row for a joint whose motor turns at a rate, and ignores a position given to it.
+
+    `target` is the position, and `line` the script line that gives it. A joint that arrives there
+    nevertheless has no row.
+    """
+    got, rate = float(series.after[-1, axis.joint_rate]), series.asked_rate[-1, axis.joint_rate]
+    if abs(got - target) <= ARRIVED * axis.scale or not np.isfinite(rate):
+        return None
+    step = int(series.steps[-1])
+    return AccountRow(
+        kind="asked",
+        joint=axis.name,
+        told=Message(
+            "{asked}, got {got} at {time}, at the end: {line} commands a rate, {rate}, and ignores "
+            "the position",
+            asked=quantity(target, axis.unit),
+            got=quantity(got, axis.unit),
+            time=words.time(subject, step),
+            line=line,
+            rate=quantity(float(rate), f"{axis.unit}/s"),
+        ),
+        asked=target,
+        got=got,
+        gap=got - target,
+        unit=axis.unit,
+        step=step,
+        salience=abs(got - target) / axis.scale / (abs(target) / axis.scale + 0.1),
+        subject=subject.body,
+        group=("ignored", subject.kind, line),
     )
 
 

@@ -9,14 +9,17 @@ import numpy as np
 from drop_physics.account.rows import AccountRow, magnitude
 from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import Term
+from drop_physics.account.touches import PairKey, TouchedLinks
+from drop_physics.account.words import RowWords
 from drop_physics.arrays import Float64
 from drop_physics.explain.driving import strongest
 from drop_physics.explain.recording import ExplainedPiece
-from drop_physics.messages import Message
-from drop_physics.quantities import number, quantity
+from drop_physics.messages import Message, joined
+from drop_physics.quantities import number as number_of
+from drop_physics.quantities import quantity
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call, Push
-from drop_physics.trace.events import Actuator, Body
+from drop_physics.trace.events import Actuator, Body, order
 from drop_physics.trace.history import Seen
 from drop_physics.trace.properties import link_reached
 from drop_physics.trace.states import BASE
@@ -24,6 +27,11 @@ from drop_physics.trace.switches import NO_ACTUATION, NO_GRAVITY, is_off
 
 NO_FORCES = ("bias", "integrator", "remainder")
 """Causes of a sum that are not forces."""
+CONTACT_PROPERTIES = {
+    *("lateralFriction", "rollingFriction", "spinningFriction"),
+    *("restitution", "contactStiffness"),
+}
+"""Properties of links, as calls name them, that matter only where the link touches another."""
 SLOW = 0.01
 """A body that moves by less than this share of its size per second counts as standing still."""
 
@@ -103,6 +111,55 @@ class MadeStatic:
             )
 
 
+class IdleSettings:
+    """Contact properties that calls set for links; filled chunk by chunk."""
+
+    def __init__(self, seen: Seen) -> None:
+        self._seen = seen
+        self._set: dict[tuple[int, str], dict[int, Call]] = {}
+        """The last call for each link, by body id and property."""
+
+    def add(self, explained: ExplainedPiece) -> None:
+        """Add a chunk of explained steps."""
+        for call, _, came in explained.piece.calls.of_bodies(Act.SET_PROPERTY):
+            for name in CONTACT_PROPERTIES & call.values.keys():
+                links = self._set.setdefault((came.body.number, name), {})
+                links[link_reached(call.values)] = call
+
+    def rows(self, pairs: Mapping[PairKey, TouchedLinks], words: RowWords) -> Iterator[AccountRow]:
+        """Yield a row for each property that is set only for links of a body that touch nothing."""
+        touching: dict[int, set[int]] = {}
+        for (one, other, *links), touched in pairs.items():
+            for number, link in zip((one, other), links, strict=True):
+                if touched.steps:
+                    touching.setdefault(number, set()).add(link)
+        for (number, name), calls in self._set.items():
+            touches = touching.get(number, set())
+            if not touches or touches & calls.keys():
+                continue
+            link, call = max(calls.items(), key=lambda each: order(each[1].at))
+            value = call.values[name][0]
+            others = [words.names.link(number, each) for each in sorted(touches)]
+            yield AccountRow(
+                kind="idle",
+                link=words.names.link(number, link),
+                told=Message(
+                    "{line} sets {name}={value} for {it}, which touches nothing; what touches is "
+                    "{others}, for which no call sets it",
+                    it=Message("the base") if link == BASE else Message("this link"),
+                    name=name,
+                    value=number_of(value),
+                    line=call.site.place,
+                    others=joined(", ", others),
+                ),
+                asked=value,
+                unit="",
+                step=call.at.step,
+                salience=0.9,
+                subject=self._seen.bodies[number],
+            )
+
+
 def unforced_row(subject: MeasuredBody, seen: Seen, gravity_m_s2: Float64) -> AccountRow | None:
     """Return the row for a free body on which no force acts, ever or at the end, else None.
 
@@ -121,7 +178,7 @@ def unforced_row(subject: MeasuredBody, seen: Seen, gravity_m_s2: Float64) -> Ac
         told = Message(
             "no force acts on it in any of {steps:,} steps; gravity is {gravity} m/s²",
             steps=int(ledger.counts.sum()),
-            gravity=number(float(np.linalg.norm(gravity_m_s2))),
+            gravity=number_of(float(np.linalg.norm(gravity_m_s2))),
         )
         if is_off(seen, client, NO_GRAVITY):
             told = told + Message(", which a flag of the model switches off")
@@ -158,7 +215,7 @@ def _damping_of_base(body: Body, seen: Seen) -> Message:
     if damping is None or not np.isfinite(damping[0]):
         return Message("")
     return Message(
-        "; the damping of its free joint is {damping}", damping=number(float(damping[0]))
+        "; the damping of its free joint is {damping}", damping=number_of(float(damping[0]))
     )
 
 
@@ -180,7 +237,7 @@ def idle_actuator_rows(
         if most and not acts and subject.ledger.counts.any():
             told = Message(
                 "ctrl up to {given}, and it gives no force in any step; it acts on {target}",
-                given=number(most),
+                given=number_of(most),
                 target=actuator.target,
             )
             if is_off(seen, subject.body.client, NO_ACTUATION):

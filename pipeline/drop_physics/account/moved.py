@@ -45,8 +45,8 @@ STRAINED = 1e-3
 holding a joint."""
 ROUND = 1e-6
 """Share of the `STRAINED` threshold below which a force counts as zero."""
-RESTS = 0.2
-"""Salience of a joint that stays where it is."""
+RESTS, ODD_ONE = 0.2, 0.9
+"""Salience of a joint that stays where it is, and of one whose motor alone is left on."""
 LARGE_M = 10.0
 """Size above which a body is reported with its size and mass: most models are in metres."""
 FALL = 5.0
@@ -148,20 +148,25 @@ def _resting(
     k, ledger = axis.joint_rate, subject.ledger
     whole = ledger.window(ledger.first, ledger.last)
     forces = ledger.forces(axis.rate, whole)
-    motor = forces.get(Term("motors"), 0.0)
+    works = ledger.impulse.get(Term("motors"), np.zeros((ledger.bins, axis.rate + 1)))
+    # Along with what swings, its sign changes, and the mean says little.
+    motor = float(np.abs(works[:, axis.rate]).sum()) / (float(ledger.seconds.sum()) or np.inf)
     others = sum(abs(force) for term, force in forces.items() if term.cause != "motors")
     least = STRAINED * subject.weight_n * axis.scale
-    off, unmoved = series.switched_off[:, k].mean() > 0.5, abs(motor) + others < ROUND * least
-    if not (held and abs(motor) > least) and not (off and unmoved and not subject.is_weightless):
+    switched_off = series.switched_off.mean(axis=0) > 0.5
+    off, unmoved, loose = switched_off[k], motor + others < ROUND * least, int(switched_off.sum())
+    if not (held and motor > least) and not (off and unmoved and not subject.is_weightless):
         return None
     if held:
         told = Message(
             "stays at {start}: no call commands it, and the engine's own motor holds its rate at 0 "
-            "with {motor} of {limit} at most",
+            "with {motor} on average, {limit} at most",
             start=quantity(start, axis.unit),
-            motor=quantity(abs(motor), axis.force_unit),
+            motor=quantity(motor, axis.force_unit),
             limit=quantity(float(np.nanmax(series.limit[:, k])), axis.force_unit),
         )
+        if loose:
+            told = told + Message("; calls switch off the motors of {loose} others", loose=loose)
     else:
         told = Message(
             "stays at {start}: its motor is off, and no force acts along it, gravity included; "
@@ -178,7 +183,7 @@ def _resting(
         step=ledger.last,
         terms=words.terms(subject, forces, axis.force_unit) if held else (),
         mean=words.mean(subject, axis.rate, whole),
-        salience=RESTS,
+        salience=ODD_ONE if held and loose else RESTS,
         subject=subject.body,
         group=("resting", subject.kind, held),
     )
@@ -403,8 +408,9 @@ def _way(
     rates = [3 + int(k) for k in np.flatnonzero(axes)]
     gave, took = given_and_taken(ledger.works(rates, window))
     far, axis = float(np.linalg.norm(way)), int(np.argmax(np.abs(main)))
-    stepped_m = ledger.way[window, 3:6].sum(axis=0) @ main / max(float(np.linalg.norm(main)), 1e-12)
-    put = bool(written.written) and ledger.covers(window) and 2 * stepped_m < np.linalg.norm(main)
+    stepped_m, size_m = ledger.way[window, 3:6].sum(axis=0) * axes, float(np.linalg.norm(main))
+    put = bool(written.written) and ledger.covers(window)
+    put = put and float(np.linalg.norm(main - stepped_m)) > LITTLE * size_m
     besides = way - main
     told = Message("{way}", way=_along_axes(main, far))
     if np.linalg.norm(besides) > 0.1 * far:
@@ -413,11 +419,12 @@ def _way(
     if put:
         told = told + Message(
             "; the script wrote its state, steps move it by {stepped}",
-            stepped=quantity(float(stepped_m), "m", "+"),
+            stepped=_along_axes(stepped_m, size_m) or quantity(0.0, "m"),
         )
         if written.stopped > STEADY * written.written:
             told = told + Message("; {count:,} of these writes stop it", count=written.stopped)
-        gave, took = {}, {}
+        if 2 * stepped_m @ main < size_m**2:
+            gave, took = {}, {}
     else:
         told = told + _from_start(ledger, rates, window, written, step)
     return AccountRow(

@@ -60,10 +60,15 @@ class MeasuredBody:
 def subject_of(body: Body, ledger: Ledger, gravity_m_s2: Float64) -> MeasuredBody:
     """Measure a body; `gravity_m_s2` has the shape (3,)."""
     tree = ledger.tree
-    mass_kg = float(tree.masses_kg[1 if tree.fixed else 0 :].sum())
+    mass_kg = float(tree.masses_kg[_movable(body)].sum())
     pull = float(np.linalg.norm(gravity_m_s2))
     weight_n = max(mass_kg * (pull or STANDARD_GRAVITY_M_S2), 1e-9)
     return MeasuredBody(body, ledger, _size_m(body, tree), mass_kg, weight_n, not pull)
+
+
+def _movable(body: Body) -> list[int]:
+    """Return the rows of the links that can move, in tables of base and links."""
+    return [link + 1 for link in body.moving]
 
 
 def in_weights(force_n: float, subject: MeasuredBody, name: str) -> Message:
@@ -72,7 +77,7 @@ def in_weights(force_n: float, subject: MeasuredBody, name: str) -> Message:
     A body of several moving links, the first of which may have its name, is told by its label.
     """
     times = number(force_n / subject.weight_n)
-    if np.count_nonzero(subject.tree.masses_kg[1 if subject.tree.fixed else 0 :]) > 1:
+    if np.count_nonzero(subject.tree.masses_kg[_movable(subject.body)]) > 1:
         name = Message("all that moves of {body}", body=subject.body.label)
     if subject.is_weightless:
         return Message("{times} times what {body} would weigh on Earth", times=times, body=name)

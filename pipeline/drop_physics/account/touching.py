@@ -85,10 +85,12 @@ def _turning_row(
         return None
     if any(other in subjects for key in keys for other in key[:2] if other != number):
         return None  # what moves may turn it
+    last = ledger.ends.velocity[np.flatnonzero(ledger.counts)[-1], :3]
+    end = float(np.linalg.norm(last))
     told = Message(
         "it still turns at {spin} rad/s at the end; their contact has no torsional and no "
         "rolling friction",
-        spin=number_of(spin),
+        spin=number_of(end),
     )
     damping = ledger.impulse.get(Term("damping"))
     if damping is not None and damping[:, :3].any():
@@ -100,7 +102,7 @@ def _turning_row(
         kind="idle",
         pair=words.names.pair(key),
         told=told,
-        got=spin,
+        got=end,
         unit="rad/s",
         step=ledger.last,
         salience=0.6,

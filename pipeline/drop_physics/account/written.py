@@ -97,8 +97,13 @@ class WrittenStates:
         self.last_step = step
         self.stopped += bool(end.velocity.any() and not begin.velocity.any())
         self.way += _path(tree, end, begin)
-        changed, slides = np.abs(begin.velocity - end.velocity)[0], _slides(tree)
-        self.velocity += changed[slides].sum(), changed[~slides].sum()
+        changed, first = (begin.velocity - end.velocity)[0], tree.first_rate
+        slides = _slides(tree)[first:]
+        joints = np.abs(changed[first:])
+        turned, moved = (float(np.linalg.norm(part)) for part in (changed[:3], changed[3:first]))
+        if not first:
+            turned = moved = 0.0
+        self.velocity += moved + joints[slides].sum(), turned + joints[~slides].sum()
 
     def row(
         self, subject: MeasuredBody, subjects: Mapping[int, MeasuredBody], words: RowWords

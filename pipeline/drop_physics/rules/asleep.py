@@ -38,7 +38,7 @@ def _(term: str) -> Noted:
 asleep.rows(
     SayingRow(
         says=Message(
-            "{body} sleeps from step {first:,} on: it does not move in {steps} in which "
+            "{body} sleeps: from step {first:,} on it does not move in {steps} in which "
             "the sum of what acts on it is not zero, most of all {term}"
         ),
         advice=Message(

@@ -209,7 +209,7 @@ def swing_damped(bodies: BodyColumns) -> Match | None:
     return _taken(bodies, "joint damping", ~np.any(drives, axis=0)) if drives else None
 
 
-@body_rule("rolling-friction", "model", subject=1)
+@body_rule("rolling-friction", "note", subject=1)
 def rolling_friction(bodies: BodyColumns) -> Match | None:
     """Rolling friction takes a noticeable share of a rolling body's energy."""
     if bodies.law.tree.size != 6:  # a robot has motors to make up for it

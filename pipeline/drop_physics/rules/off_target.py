@@ -311,7 +311,8 @@ def _(
     if at_limit <= HALF_THE_STEPS * steps_stood:
         # What would be there in as much time again may just have been given too little.
         soon = not away and abs(rate) * (time_s(stood[1]) - time_s(stood[0] - 1)) > off
-        return called(_missed, worst, cause=Cause(kind, why, level="note" if soon else "asked"))
+        meant = soon or kind == "a speed limit"  # which a call sets
+        return called(_missed, worst, cause=Cause(kind, why, level="note" if meant else "asked"))
     weak = at_its_limit(quantities.effort(limit, effort), at_limit, steps_stood)
     if (cause := called(_takes_more, worst, weak=weak)) is not None:
         return called(_missed, worst, cause=cause)

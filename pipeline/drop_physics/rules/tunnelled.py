@@ -30,6 +30,11 @@ from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body, Collision
 from drop_physics.trace.history import Seen
 
+FINER, FINEST = 4.0, 1000.0
+"""Least and greatest divisor by which a trial reduces the timestep."""
+MARGIN = 0.1
+"""Share by which a body has to go less far in a step than it is thick."""
+
 
 @body_rule("tunnelled", "asked", engines=ANY)
 def tunnelled(
@@ -127,7 +132,7 @@ def _(
         "speed": speed_m_s,
         "way": size * min(part, 1.0),
         "share": size / body_size_m,
-        "finer": float(min(max(2, math.ceil(2 / part - 1e-6)), 64)),
+        "finer": float(min(max(2, math.ceil(2 / part - 1e-6)), FINEST)),
         "constant": constant_s,
         "shorter": max(1, math.ceil(shortest_s(timestep) / constant_s - 1e-6)),
         "shapeless": why is not None,
@@ -256,10 +261,6 @@ def _in_box(place_m: Float64, base: Float64, box: Collision) -> Float64:
 # -- timestep-too-long ----------------------------------------------------------------------------
 
 
-FINER = 4.0
-"""Divisor by which a trial reduces the timestep."""
-
-
 @body_rule("timestep-too-long", "model", engines=ANY)
 def far(bodies: BodyColumns, chunk: StepChunk) -> Match | None:
     """Before or after a contact, a body moves farther in a step than it is thick."""
@@ -276,19 +277,21 @@ def far(bodies: BodyColumns, chunk: StepChunk) -> Match | None:
 
 
 @far.notes
-def _(step: float) -> Noted:
-    return {"step_s": fraction(step)}
+def _(step: float, size: float, thick: float) -> Noted:
+    finer = min(max(FINER, float(math.ceil(size / thick * (1 + MARGIN)))), FINEST)
+    return {"step_s": fraction(step), "finer": finer}
 
 
 far.rows(
-    SayingRow(when=lambda pulled: pulled, level="note"),  # a call asked for what pulls it
+    # A call asked for what pulls it, and a shorter timestep may leave that.
+    SayingRow(when=lambda pulled: pulled, level="note", proposed=True),
     SayingRow(),
     like=SayingRow(
         says=Message(
             "{body} moves {size:.3g} m in a step of {step_s} s, and is {thick:.3g} m thick: it "
             "can pass through others, or overlap them before contact acts"
         ),
-        cure=Remedy("timestep", value=FINER),
+        cure=Remedy("timestep", value="finer"),
         effect="size",
         normal="thick",
     ),

@@ -27,6 +27,9 @@ from drop_physics.rules.thresholds import (
 from drop_physics.trace.events import Body
 from drop_physics.trace.motors import POSITION
 
+DRIVEN = 0.5
+"""Share of what the clamp takes above which the script's own force counts as what drives a rate
+there."""
 FULL = 1 - 1e-9
 """Share of the clamp's limit above which a rate counts as clamped."""
 AXES = (
@@ -160,11 +163,12 @@ def velocity_clamped(bodies: BodyColumns) -> Match | None:
     held = (fastest >= FULL * limit) & (taken > 1e-9 * bodies.whole.largest[:, None])
     held &= _own(bodies) & (bodies.verdict.why < 0)[:, None]
     placed, first = np.zeros(taken.shape, np.bool_), bodies.law.tree.first_rate
+    pushed = np.abs(bodies.terms["applied"])
     for driven in bodies.driven:
         its = (driven.asked.mode == POSITION) & (driven.asked.impulse > 0)
         placed[driven.steps.rows, first:] = its
     numbers = {"limit": limit, "first_rate": first, "placed": placed}
-    return Match(held, taken, numbers, sums={"taken": taken})
+    return Match(held, taken, numbers, sums={"taken": taken, "pushed": pushed})
 
 
 @velocity_clamped.counts
@@ -189,6 +193,16 @@ velocity_clamped.rows(
         advice=Message(
             "let its motor drive it slower: p.setJointMotorControl2(…, force=…, maxVelocity=…)"
         ),
+    ),
+    # The script's own force, not the limit, is what drives it there.
+    SayingRow(
+        when=lambda pushed, taken: pushed > DRIVEN * taken,
+        says=Message(
+            "{name} reaches {limit:g} {unit}, where PyBullet clamps every rate: in {steps} it "
+            "takes {taken:.3g} {of} away, and the force that the script gives adds "
+            "{pushed:.3g} {of}"
+        ),
+        advice=Message("give less force, or force against the velocity"),
     ),
     SayingRow(cure=Remedy("limits", "body", given={"maxJointVelocity": 1e5})),
     like=SayingRow(

@@ -73,6 +73,18 @@ class Command(NamedTuple):
             return np.full((len(self.calls), 1), FORCE)
         return given
 
+    @property
+    def ignored_targets(self) -> Float64 | None:
+        """Positions [rad] or [m] given to a motor for rates, which ignores them; 0 counts as none.
+
+        The shape is (n,), with nan in calls that give none; None if no call does.
+        """
+        given = self.values.get("targetPosition")
+        if given is None or given.shape[1] != 1:
+            return None
+        ignored = (self.values["controlMode"] == VELOCITY) & (given != 0)
+        return np.where(ignored, given, np.nan)[:, 0] if ignored.any() else None
+
     def only(self, which: Flags) -> Command:
         """Return the selected calls."""
         held = {name: values[which] for name, values in self.values.items()}
