@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from drop_physics.engines.source import PlacedText
+from drop_physics.engines.source import PlacedText, changes_of, converts_unit
 from drop_physics.engines.watching.single_changes import Change, how_of
 from drop_physics.experiments.motion import RunMotion, apart_m, fastest, side_m, thrown
 from drop_physics.experiments.ranking import ranked
@@ -308,6 +308,18 @@ def test_a_factor_with_none_close_by_that_does_it_is_a_coincidence(
     search = searched(runs, FRICTION.of_some([0]))
     assert search.tried[0].outcome.holds
     assert search.is_alone(search.tried[0]) is alone
+
+
+def test_a_converted_unit_is_no_coincidence() -> None:
+    (angle,) = (
+        each
+        for each in changes_of(b"""URDF = '<origin rpy="0 90 0"/>'""", "s.py", "")
+        if converts_unit(each)
+    )
+    runs = Runs(lambda change: 0.5 if change.op == angle.op else 0.1)
+    search = searched(runs, angle)
+    assert search.tried[0].outcome.holds
+    assert not search.is_alone(search.tried[0])
 
 
 def test_a_search_whose_time_runs_out_is_not_complete() -> None:

@@ -11,7 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from drop_physics.engines.source import changes_of, edits_of, place_of, repeats, words_of
+from drop_physics.engines.source import (
+    changes_of,
+    converts_unit,
+    edits_of,
+    place_of,
+    repeats,
+    words_of,
+)
 from drop_physics.engines.watching.edits import InTwoParts, edited
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.stages.rerun.single import is_single, named, text_of
@@ -148,6 +155,16 @@ def test_an_attribute_that_many_elements_have_is_one_change_of_all() -> None:
     half = sizes[0].of_some([1])
     assert (half.of, half.change) == (("g2",), "geom.size")
     assert edited(f"XML = '''{geoms}'''".encode(), edits_of(half)).count(b'"0.4"') == 2
+
+
+def test_an_angle_in_the_wrong_unit_is_converted_by_one_change() -> None:
+    text = (
+        """URDF = '<joint name="j"><origin xyz="0 0 1" rpy="0 90 0"/><limit lower="-2"/></joint>'"""
+    )
+    found = [e for e in changes_of(text.encode(), "s.py", "") if converts_unit(e)]
+    assert [e.change for e in found] == ["origin.rpy", "limit.lower"]
+    assert b'rpy="0 1.570796325 0"' in edited(text.encode(), edits_of(found[0]))
+    assert b'lower="-114.591559"' in edited(text.encode(), edits_of(found[1]))
 
 
 def test_a_script_in_two_parts_is_the_script(

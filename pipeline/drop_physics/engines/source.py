@@ -36,8 +36,10 @@ DEGREES = 0.017453292519943295
 """Factor that converts degrees to radians [rad/degree]."""
 LARGEST_RAD, LARGEST_DEGREES = 6.3, 720.0
 """Range of numbers that may be angles in degrees."""
-ANGLES = re.compile(r"^(joint\.(range|ref)|limit\.(lower|upper))$")
+ANGLES = re.compile(r"^(joint\.(range|ref)|limit\.(lower|upper)|origin\.rpy)$")
 """Attributes that may have been given in the wrong unit of angle."""
+TO_RADIANS, TO_DEGREES = f"*{DEGREES:.9g}", f"*{1 / DEGREES:.9g}"
+"""Operators that convert such an attribute to the other unit."""
 TIMESTEP = "option.timestep"
 PACED = 10.0
 """Factor on the number of steps that a run may make if a change sets the length of a step."""
@@ -259,6 +261,11 @@ def repeats(change: Change) -> float:
 def paces(change: Change) -> bool:
     """Return whether a change sets the length of a step, and so perhaps the number of steps."""
     return change.engine == SOURCE and any(each.paces for each in change.ids)
+
+
+def converts_unit(change: Change) -> bool:
+    """Return whether a change converts an attribute between degrees and radians."""
+    return change.engine == SOURCE and change.op in (TO_RADIANS, TO_DEGREES)
 
 
 def place_of(change: Change) -> tuple[str, str]:
@@ -587,7 +594,7 @@ class _TextParts:
             tries = COUNTS if own == TIMESTEP else tries
             if ANGLES.match(own):
                 is_large = max(map(abs, numbers)) > LARGEST_RAD
-                tries = (*tries, f"*{DEGREES if is_large else 1 / DEGREES:.9g}")
+                tries = (*tries, TO_RADIANS if is_large else TO_DEGREES)
             end = value + len(found["value"])
             part = TextPart(own, of, line, value, end, tries, " ", in_markup=True)
             yield replace(part, paces=own == TIMESTEP)

@@ -133,7 +133,12 @@ class Apart:
     @property
     def same(self) -> bool:
         """True if all compared positions are equal, bit for bit; False if none was compared."""
-        return bool(self.tracks) and all(track.same for track in self.tracks)
+        return bool(self.tracks) and not self.differ
+
+    @property
+    def differ(self) -> bool:
+        """True if any compared position differs, by however little."""
+        return any(not track.same for track in self.tracks)
 
     @property
     def furthest(self) -> tuple[Float64, Float64]:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from drop_physics.engines.source import SOURCE, paces
+from drop_physics.engines.source import SOURCE, converts_unit, paces
 from drop_physics.engines.watching.single_changes import ORDERS, Change
 from drop_physics.experiments.motion import (
     RunMotion,
@@ -215,9 +215,12 @@ class Search:
         return least
 
     def is_alone(self, each: TriedChange) -> bool:
-        """Return whether slightly larger and smaller factors both fail, so success is chance."""
+        """Return whether slightly larger and smaller factors both fail, so success is chance.
+
+        The factor between two units is not one of many that could have been tried.
+        """
         operator, factor = each.change.how
-        if operator != "*":
+        if operator != "*" or converts_unit(each.change):
             return False
         near = [each.change.by(factor * NEARBY), each.change.by(factor / NEARBY)]
         outcomes = [outcome for _, outcome in self.run(iter(near))]

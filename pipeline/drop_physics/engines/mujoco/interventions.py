@@ -39,9 +39,10 @@ Elements = Callable[[Scope], Mapping[str, Any]]
 WORLD = "world"
 FLAGS = (
     "EQUALITY LIMIT FRICTIONLOSS SPRING DAMPER CLAMPCTRL WARMSTART FILTERPARENT REFSAFE EULERDAMP "
-    "NATIVECCD MULTICCD ISLAND MIDPHASE OVERRIDE SLEEP DIAGEXACT SPECULATIVE"
+    "NATIVECCD MULTICCD ISLAND MIDPHASE OVERRIDE DIAGEXACT SPECULATIVE"
 )
-"""Names of flags of `mjtDisableBit` and `mjtEnableBit` that the search for causes toggles."""
+"""Names of flags of `mjtDisableBit` and `mjtEnableBit` that the search for causes toggles. SLEEP is
+none of them: an `MjData` that was made without it holds no sleep states to start from."""
 BELOW = 0.8
 """Share of a limit that a trial sets if a value has to stay below that limit."""
 ABOVE = 2.0

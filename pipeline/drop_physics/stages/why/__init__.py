@@ -302,7 +302,7 @@ def why(asked: verbs.WhyArguments) -> Why:
     if interrupted:
         asked.note(Message("interrupted: this is what was found until then"))
     second = done[work.unchanged].outcome
-    if second is not None and not second.apart.same:
+    if second is not None and second.apart.differ:
         asked.note(
             Message(
                 "two runs of {script} differ though nothing is changed and its random numbers are "
