@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import ctypes
 import functools
 import gc
 import json
@@ -41,6 +42,8 @@ IMPORTED = (
     *("pybullet_data", "drop_physics.engines.watching.start"),
     "drop_physics.engines.watching.running",
 )
+M_PERTURB = -6
+"""Parameter of glibc's `mallopt` that `MALLOC_PERTURB_` sets."""
 
 
 class Forked:
@@ -269,12 +272,25 @@ def _become(request: dict[str, Any], files: list[int]) -> None:
     if request["leads"]:
         os.setpgid(0, 0)
     os.chdir(request["folder"])
+    if "MALLOC_PERTURB_" not in request["env"]:
+        ctypes.CDLL(None).mallopt(M_PERTURB, 0)
+    atexit.register(_keep, dict(sys.modules))
     ours = _paths()
     os.environ.clear()
     os.environ.update(request["env"])
     sys.argv = request["arguments"]
     sys.path[:] = [sys.argv[0], *_paths(), *sys.path[1 + len(ours) :]]
     runpy.run_path(sys.argv[0], run_name="__main__")
+
+
+def _keep(modules: dict[str, Any]) -> None:
+    """Exempt modules from the end of the interpreter, as it takes 40 ms to take them apart.
+
+    Called after all other `atexit` functions. The modules of the program itself do end.
+    """
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(modules))
+    for name in modules.keys() - {"__main__", "builtins", "sys"}:
+        sys.modules.pop(name, None)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
@@ -16,6 +17,8 @@ from drop_physics.trace.properties import link_reached
 
 PAIR = ("bodyUniqueIdA", "bodyUniqueIdB", "bodyUniqueId")
 """Arguments of the calls that filter contacts: for two bodies, or for one."""
+BEFORE_ALL = -(1 << 62)
+"""A number smaller than that of any call."""
 
 
 class Log:
@@ -51,6 +54,7 @@ class Log:
                 key = appearance.body.client, appearance.body.engine_id
                 self._came.setdefault(key, []).append(appearance)
         self._lives: dict[tuple[int, int], list[tuple[int, int | None]]] | None = None
+        self._borne: dict[tuple[int, int], tuple[list[Appearance], list[int], list[int]]] = {}
 
     def between(self, first: int, end: int) -> Log:
         """Return the calls made after at least `first` and fewer than `end` steps."""
@@ -142,8 +146,9 @@ class Log:
 
     def body_at(self, call: Call, engine_id: int) -> Appearance | None:
         """Return the body with an engine id at a call, or that gets the id by the next step."""
-        came, (which,) = self.bodies_at(call.client, engine_id, np.array([call.at.call]))
-        return None if which < 0 else came[which]
+        came, begins, which = self._bearers(call.client, engine_id)
+        at = which[bisect_right(begins, call.at.call) - 1]
+        return None if at < 0 else came[at]
 
     def bodies_at(
         self, client: int, engine_id: int, calls: Int64
@@ -153,22 +158,33 @@ class Log:
         The second array contains indices into the first, or -1 for no body, shape (n,). `calls` are
         the numbers of the calls.
         """
+        came, begins, which = self._bearers(client, engine_id)
+        return came, np.array(which)[np.searchsorted(begins, calls, side="right") - 1]
+
+    def _bearers(
+        self, client: int, engine_id: int
+    ) -> tuple[list[Appearance], list[int], list[int]]:
+        """Return the bodies that ever had an engine id, and which one has it from which call on.
+
+        The numbers of calls increase; the last list has an index into the first, or -1 for no body.
+        """
         key = client, engine_id
-        came = self._came.get(key, [])
-        began = [each.at.call for each in came]
-        which = np.searchsorted(began, calls, side="right") - 1
-        which = np.maximum(which, 0) if came else np.full(len(calls), -1)
-        lives = self._life().get(key, [])
-        if lives:
-            # One that was removed before the next step was never listed.
-            first = np.searchsorted(began, [made for made, _ in lives], side="left")
-            listed = [
-                k if k < len(came) and (gone is None or began[k] < gone) else -1
-                for k, (_, gone) in zip(first.tolist(), lives, strict=True)
-            ]
-            life = np.searchsorted([made for made, _ in lives], calls, side="left") - 1
-            which = np.where(life >= 0, np.array(listed)[life], which)
-        return came, which
+        if key not in self._borne:
+            came, lives = self._came.get(key, []), self._life().get(key, [])
+            began, made = [each.at.call for each in came], [call for call, _ in lives]
+            begins = sorted({BEFORE_ALL, *began, *(call + 1 for call in made)})
+            which = []
+            for call in begins:
+                at = max(bisect_right(began, call) - 1, 0) if came else -1
+                life = bisect_left(made, call) - 1
+                if life >= 0:
+                    at, gone = bisect_left(began, made[life]), lives[life][1]
+                    # One that was removed before the next step was never listed.
+                    if at == len(came) or (gone is not None and began[at] >= gone):
+                        at = -1
+                which.append(at)
+            self._borne[key] = came, begins, which
+        return self._borne[key]
 
     def _life(self) -> dict[tuple[int, int], list[tuple[int, int | None]]]:
         """Return the calls that created and removed each body, by simulation and engine id."""

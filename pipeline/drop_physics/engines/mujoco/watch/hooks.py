@@ -156,6 +156,9 @@ class MujocoWatch(EngineWatch):
         makers = [(name, _stepping) for name in STEPS]
         makers += [(name, _resetting) for name in RESETS]
         makers += [(name, _posing) for name in (*POSES, *READS)]
+        # Another import of the package, under whatever name, takes them from its inner modules.
+        inner = [one for key, one in list(sys.modules.items()) if key.startswith("mujoco._")]
+        self._owners = [module, *inner]
         for name, maker in makers:
             original = getattr(module, name, None)
             if original is None or getattr(original, "drop_watch", None) is self:
@@ -164,7 +167,7 @@ class MujocoWatch(EngineWatch):
             hook = maker(self, name, self.originals[name])
             if self._stands_before:
                 hook = self._changes.around(name, hook)
-            self._replace(module, name, hook)
+            self._replace(name, hook)
         self._changes.install(module)
         for name in CALLBACKS:
             self._hook_callback(module, f"mjcb_{name}")
@@ -191,15 +194,13 @@ class MujocoWatch(EngineWatch):
     def _on_viewer(self, module: ModuleType) -> None:
         install_viewer(self, module)
 
-    def _replace(self, module: Any, name: str, hook: Any) -> None:
-        original = getattr(module, name)
+    def _replace(self, name: str, hook: Any) -> None:
+        original = getattr(self.mujoco, name)
         plain = getattr(original, "drop_plain", original)
         hook.__name__ = hook.__qualname__ = name
         hook.__doc__, hook.__module__ = plain.__doc__, "mujoco"  # so that it can be pickled
         hook.drop_plain, hook.drop_watch = plain, self
-        # Another import of the package, under whatever name, takes them from its inner modules.
-        inner = [one for key, one in list(sys.modules.items()) if key.startswith("mujoco._")]
-        for owner in (module, *inner):
+        for owner in self._owners:
             if vars(owner).get(name) is original:
                 setattr(owner, name, hook)
                 self.host.on_removal(partial(setattr, owner, name, original))
@@ -343,8 +344,8 @@ class MujocoWatch(EngineWatch):
         def get_callback() -> Any:
             return self.callbacks.get(name) or getter()
 
-        self._replace(module, f"set_{name}", hiding(set_callback))
-        self._replace(module, f"get_{name}", get_callback)
+        self._replace(f"set_{name}", hiding(set_callback))
+        self._replace(f"get_{name}", get_callback)
         self.host.on_removal(lambda: plain(self.callbacks.get(name) or getter()))
 
     # -- warnings ---------------------------------------------------------------------------------
@@ -378,8 +379,8 @@ class MujocoWatch(EngineWatch):
             return self._warning
 
         plain(hiding(warn))
-        self._replace(module, "set_mju_user_warning", set_warning)
-        self._replace(module, "get_mju_user_warning", get_warning)
+        self._replace("set_mju_user_warning", set_warning)
+        self._replace("get_mju_user_warning", get_warning)
         self.host.on_removal(lambda: plain(self._warning))
 
 
