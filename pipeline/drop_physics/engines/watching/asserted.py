@@ -11,7 +11,6 @@ import linecache
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from .hidden import WRAPPERS
 from .sites import is_library, shown_file
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ def assertion_of(error: BaseException) -> Assertion | None:
     found, trace = None, error.__traceback__
     while trace is not None:
         name = trace.tb_frame.f_code.co_filename
-        if not name.startswith(("<", *WRAPPERS)) and not is_library(name):
+        if not name.startswith("<") and not is_library(name):
             found = trace
         trace = trace.tb_next
     if found is None:

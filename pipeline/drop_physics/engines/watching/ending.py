@@ -94,7 +94,7 @@ def place_of(error: BaseException, ours: str = "") -> tuple[str, int]:
     trace = error.__traceback__
     while trace is not None:
         name = trace.tb_frame.f_code.co_filename
-        if not (name.startswith("<") or is_library(name) or _is_ours(trace) or name == ours):
+        if not (name.startswith("<") or is_library(name) or name == ours):
             place = shown_file(name), trace.tb_lineno
         trace = trace.tb_next
     return place

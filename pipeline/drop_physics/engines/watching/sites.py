@@ -75,8 +75,8 @@ def caller() -> Any:
 
 
 def is_library(name: str) -> bool:
-    """Return whether a code file belongs to Python's or an installed library."""
-    return name.startswith(("<frozen", LIBRARY)) or INSTALLED.search(name) is not None
+    """Return whether a code file belongs to Python, to an installed library, or to drop."""
+    return name.startswith(("<frozen", LIBRARY, *WRAPPERS)) or INSTALLED.search(name) is not None
 
 
 def shown_file(name: str) -> str:

@@ -137,26 +137,26 @@ class SensorExtremes:
         return SensorExtremes(watch.pipe.answers[begin : begin + size], views, begin)
 
     def __init__(self, kept: Any, views: list[memoryview], begin: int) -> None:
-        now = [np.frombuffer(view) for view in views]
-        ends = np.cumsum([len(each) for each in now])[:-1]
-        parts = np.split(np.frombuffer(kept).reshape(EXTREMES, -1), ends, axis=1)
-        self._parts = [(*part, each) for part, each in zip(parts, now)]
-        """First, last, least and greatest of some readings, and the current readings."""
+        rows = np.frombuffer(kept).reshape(EXTREMES, -1)
+        self._first, self._last, self._least, self._greatest = rows
+        ends = np.cumsum([0, *(view.nbytes for view in views)]).tolist()
+        last = self._last.data.cast("B")
+        self._read = [(last[a:b], view) for a, b, view in zip(ends, ends[1:], views)]
+        """Where the last readings are kept, and the current ones."""
         self._is_first = True
-        self.place = begin, sum(map(len, now))
+        self.place = begin, rows.shape[1]
         """Index of the first extreme in the shared memory, and the number of readings."""
 
     def add(self) -> None:
         """Update the extremes with the readings after a step."""
+        last, least, greatest = self._last, self._least, self._greatest
+        for kept, now in self._read:
+            kept[:] = now
         if self._is_first:
-            for *kept, now in self._parts:
-                for each in kept:
-                    each[:] = now
+            self._first[:] = least[:] = greatest[:] = last
             self._is_first = False
-        for _, last, least, greatest, now in self._parts:
-            last[:] = now
-            _fmin(least, now, least)
-            _fmax(greatest, now, greatest)
+        _fmin(least, last, least)
+        _fmax(greatest, last, greatest)
 
 
 _fmin, _fmax = np.fmin, np.fmax

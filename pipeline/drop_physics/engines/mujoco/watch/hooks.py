@@ -412,7 +412,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
                     state, site = watch.seen(m, d, place)
             if state is None:
                 return original(*args, **kwargs)
-            outer = None
+            outer, alone = None, not callbacks and active_count() == 1
             for made in range(count):
                 if state.lost:
                     original(m, d, *rest)
@@ -422,7 +422,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
                     if host.stopped or pipe.gone:
                         host.check()
                     # Between the steps of one call, nobody else can have written.
-                    if not pipe.muted and (not made or callbacks or active_count() > 1):
+                    if not pipe.muted and not (made and alone):
                         state.before(d, site)
                         if state.uses.got:
                             state.uses.before(computes=not number)

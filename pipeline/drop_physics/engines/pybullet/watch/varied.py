@@ -157,9 +157,10 @@ class Variation:
 
     def _acting(self, name: str, original: Call) -> Call:
         def act(*args: Any, **kwargs: Any) -> Any:
-            kept = copy.deepcopy((args, kwargs)) if self.finer > 1 else None
+            lasts = self.finer > 1 and (name in PUSHES or self._is_torque(name, args, kwargs))
+            kept = copy.deepcopy((args, kwargs)) if lasts else None
             result = original(*args, **kwargs)
-            if kept is not None and (name in PUSHES or self._is_torque(name, args, kwargs)):
+            if kept is not None:
                 frame = caller()
                 place = SimpleNamespace(
                     f_code=frame.f_code,
