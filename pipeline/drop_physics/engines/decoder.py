@@ -143,10 +143,12 @@ class Decoder:
     def feed(self, data: bytes) -> Iterator[Event]:
         """Yield the events in the next bytes of the stream."""
         for kind, payload in self._frames.feed(data):
-            if kind == pipe.MUJOCO and self.engine == MUJOCO:  # as most are, or one of these
+            if kind == pipe.CALL and self.engine == PYBULLET:  # as most are, or one of the next two
+                self.bullet.on_call(payload)
+            elif kind == pipe.SAMPLE and self.engine == PYBULLET:
+                yield from self.bullet.on_sample(payload)
+            elif kind == pipe.MUJOCO and self.engine == MUJOCO:
                 yield from self.mujoco.take(payload)
-            elif kind in (pipe.SAMPLE, pipe.CALL) and self.engine == PYBULLET:
-                yield from self.bullet.take(kind, payload)
             else:
                 yield from self._on_frame(kind, payload)
 

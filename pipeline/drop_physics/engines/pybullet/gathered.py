@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -98,8 +99,10 @@ class GatheredWorld:
         self._first = self._call = self._bytes = 0
         """First step of the collected samples, number of calls before the last one, and their size
         [bytes]."""
-        self._calls: list[tuple[int, int, bytes]] = []
-        """Step, number and payload of each call that is not yielded yet."""
+        self._calls: list[bytes] = []
+        """Payload of each call that is not yielded yet."""
+        self._called_at, self._numbers = array("q"), array("q")
+        """Step and number of these calls."""
         self._results: list[tuple[int, float]] = []
         """Index and return value of each collected call with a result."""
 
@@ -140,7 +143,9 @@ class GatheredWorld:
 
     def add_call(self, number: int, payload: bytes) -> None:
         """Add a call that the script made."""
-        self._calls.append((self.step, number, payload))
+        self._calls.append(payload)
+        self._called_at.append(self.step)
+        self._numbers.append(number)
 
     def add_result(self, result: float) -> None:
         """Add the return value of the last call."""
@@ -157,12 +162,16 @@ class GatheredWorld:
         """Yield the collected calls, and remove them from the collection."""
         if not self._calls:
             return
-        steps, numbers, payloads = zip(*self._calls, strict=True)
-        results = np.full(len(steps), math.nan)
+        payloads, at_steps, numbers = (
+            self._calls,
+            np.array(self._called_at),
+            np.array(self._numbers),
+        )
+        results = np.full(len(payloads), math.nan)
         for which, result in self._results:
             results[which] = result
         self._calls, self._results = [], []
-        at_steps = np.array(steps, np.int64)
+        self._called_at, self._numbers = array("q"), array("q")
         held = np.frombuffer(b"".join(payloads), np.float64)
         sizes = np.fromiter(map(len, payloads), np.int64, len(payloads)) // 8
         heads = np.cumsum(sizes) - sizes  # a head takes as many bytes as a number
@@ -171,7 +180,7 @@ class GatheredWorld:
             self.client,
             at_steps,
             self.times_s(at_steps),
-            np.array(numbers, np.int64),
+            numbers,
             sites,
             np.delete(held, heads),
             results,

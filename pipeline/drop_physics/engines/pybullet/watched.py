@@ -113,9 +113,9 @@ class BulletDecoder:
     def take(self, kind: bytes, payload: bytes) -> Iterable[Event]:
         """Return the events that a binary message completes."""
         if kind == pipe.SAMPLE:
-            return self._add_sample(payload)
+            return self.on_sample(payload)
         if kind == pipe.CALL:
-            self._on_call(payload)
+            self.on_call(payload)
         elif kind == pipe.SET:
             return (self._put(payload),)
         elif kind == pipe.IMAGE:
@@ -141,7 +141,7 @@ class BulletDecoder:
 
     # -- numbers ----------------------------------------------------------------------------------
 
-    def _add_sample(self, payload: bytes) -> Iterable[Event]:
+    def on_sample(self, payload: bytes) -> Iterable[Event]:
         """Add a sample; if enough samples are collected, first return those as events."""
         number, step = pipe.HEAD.unpack_from(payload)
         world = self._worlds[number]
@@ -151,7 +151,8 @@ class BulletDecoder:
         self.samples += 1
         return gathered
 
-    def _on_call(self, payload: bytes) -> None:
+    def on_call(self, payload: bytes) -> None:
+        """Add a call to those collected."""
         number, site = pipe.CALL_HEAD.unpack_from(payload)
         self.calls += 1
         self._caller = self._worlds[number]
