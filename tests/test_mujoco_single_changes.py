@@ -17,6 +17,7 @@ mujoco = pytest.importorskip("mujoco")
 
 import numpy as np  # noqa: E402
 from drop_physics.engines.cures import TABLES  # noqa: E402
+from drop_physics.engines.mujoco.watch.derived import DERIVED  # noqa: E402
 from drop_physics.engines.mujoco.watch.intervene import ModelChanges  # noqa: E402
 from drop_physics.engines.mujoco.watch.seen import SeenInputs  # noqa: E402
 from drop_physics.engines.mujoco.watch.single_changes import possible, trial_of  # noqa: E402
@@ -199,6 +200,33 @@ def test_a_change_is_the_edit_that_a_user_would_make(
     assert states.tobytes() != bare(nothing).tobytes()
     for name, held in before.items():  # the script reads its own
         assert np.array_equal(getattr(run.m, name), held)
+
+
+def test_a_model_edited_in_place_may_be_completed_by_mj_set_const(
+    found: dict[tuple[str, str], Change],
+) -> None:
+    """Its own stale fields are one change, and no part of others."""
+    assert ("model.derived", "derive") not in found
+
+    def edit(m: Any, _: Any) -> None:
+        m.body_mass[1] *= 3
+        m.geom_size[1] *= 0.5
+
+    own = Script({"do": "see"})
+    edit(own.m, own.d)
+    states = own.run()
+    (seen,) = own.changes.seen.values()
+    changes = {(each.change, each.op): each for each in possible(mujoco, ROWS, seen)}
+    for key, trial in (
+        (("model.derived", "derive"), lambda m, d: (edit(m, d), set_const(m))),
+        (("body_inertia", "*10"), lambda m, d: (edit(m, d), scaled(m, "body_inertia", 10))),
+    ):
+        run = Script()
+        edit(run.m, run.d)
+        before = {name: np.array(getattr(run.m, name)) for name in DERIVED}
+        run.become(changes[key])
+        assert run.run().tobytes() == bare(trial).tobytes() != states.tobytes()
+        assert all(np.array_equal(getattr(run.m, name), held) for name, held in before.items())
 
 
 def test_quaternions_of_the_first_state_are_tried_with_w_first() -> None:

@@ -27,7 +27,8 @@ from drop_physics.engines.interventions import (
 )
 from drop_physics.engines.mujoco.frames import PARTS
 from drop_physics.engines.mujoco.played import played
-from drop_physics.engines.mujoco.watch.single_changes import DERIVED_FROM, ENGINE, trial_of
+from drop_physics.engines.mujoco.watch.derived import DERIVED_FROM
+from drop_physics.engines.mujoco.watch.single_changes import ENGINE, trial_of
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.messages import Message
 from drop_physics.trace.cures import ChangedRun, Cure, Scope
@@ -315,6 +316,7 @@ GEOMETRY = (
     *("jnt_axis", "jnt_pos", "geom_pos", "geom_size", "body_ipos", "site_pos", "site_size"),
 )
 """Fields that set positions and sizes."""
+SET_CONST = Message("mujoco.mj_setConst(…) after the edit")
 SEARCHED = (
     ("jnt_stiffness", "stiffness", "=0 *0.1 *10", ""),
     ("jnt_axis", "axis", "*-1", ""),
@@ -345,6 +347,7 @@ SEARCHED = (
     ("option.density", "density", "=0", ""),
     ("option.viscosity", "viscosity", "=0", ""),
     ("option.wind", "wind", "=0", ""),
+    ("model.derived", "model", "derive", ""),
     ("start.qpos", "data.qpos", "=default +0.001 +0.01 w-first", ""),
     ("start.qvel", "data.qvel", "=0", "=0"),
     *(
@@ -654,7 +657,7 @@ ROWS = (
     FieldRow(
         "set-const",
         makes=_done("derive"),
-        words=Message("mujoco.mj_setConst(…) after the edit"),
+        words=SET_CONST,
         decides=True,
         whole_run=True,
     ),
@@ -693,6 +696,8 @@ def _words_of(change: Change) -> str:
     """Describe a change by the attribute that a user would edit."""
     kind, _, part = change.change.partition(".")
     elements, how = named(change.target), done(change.op)
+    if kind == "model":
+        return SET_CONST
     if kind == "flag":
         return Message("flag {name} switched", name=part.lower())
     if kind == "pair":

@@ -21,8 +21,9 @@ from ...watching.operators import becoming
 from ...watching.single_changes import Change
 from ...watching.sites import caller
 from ..frames import READS, STEPS
+from .derived import DerivedFields
 from .seen import SeenInputs
-from .single_changes import DERIVED_FROM, ENGINE, operations_of, started
+from .single_changes import ENGINE, operations_of, started
 from .writes import (
     BALL,
     BY_JOINT,
@@ -40,13 +41,6 @@ from .writes import (
 if TYPE_CHECKING:
     from .hooks import MujocoWatch
 
-DERIVED = (
-    *("body_subtreemass", "body_invweight0", "dof_M0", "dof_invweight0"),
-    *("tendon_length0", "tendon_invweight0", "actuator_acc0", "actuator_length0"),
-)
-"""Fields that MuJoCo derives from masses, inertias and armatures (`mj_setConst`)."""
-SOURCES = (*DERIVED_FROM, "body_iquat")
-"""Fields from which MuJoCo computes the derived fields."""
 SAME = 1e-6
 """Largest coordinate difference at which a pose counts as equal to a keyframe's [m, rad]."""
 RESETS = ("mj_resetData", "mj_resetDataKeyframe", "mj_resetDataDebug", "mj_setState")
@@ -308,16 +302,18 @@ class ChangedModel:
             self._writes += [(number, write) for write in writes_of(watch.mujoco, m, each)]
         if changes.finer > 1:
             self._writes.append((-1, ("opt.timestep", None, lambda held: held / changes.finer)))
-        self._derives = [
-            number for number, each in operations if each.get("derived") or each["do"] == "derive"
-        ]
+        self._derives = [number for number, each in operations if each["do"] == "derive"]
+        self._follows = [number for number, each in operations if each.get("derived")]
+        """The changes that the script's own call of `mj_setConst` would follow."""
         self._keeps = [each for each in changes.of("keep") if has_field(m, each[1]["field"])]
         self._known: dict[str, Any] = {}
         """The script's own values of fields in which writes are undone."""
         self._kept: list[tuple[str, Any, Any]] = []
         """The script's own values, to be restored: field, elements, and their values."""
-        self._derived: tuple[bytes, dict[str, Any]] | None = None
-        """The last derivation: its inputs, and the derived arrays."""
+        self._compensated = _number_of(m, "ngravcomp") if self._derives or self._follows else None
+        """The model's number of bodies with gravity compensation, which older versions count only
+        as they compile."""
+        self._derived = DerivedFields(watch.mujoco, watch.originals["mj_setConst"])
 
     def enter(self, m: Any, site: list[Any] | None) -> None:
         """Write the trial changes into the model before a call from a script line."""
@@ -327,6 +323,9 @@ class ChangedModel:
                 return
             for number, each in self._keeps:
                 self._undo(m, number, each["field"], of_site=each["site"] == site)
+            derives = [*self._derives]
+            if self._follows and not self._derived.are_stale(m):
+                derives += self._follows
             for number, (name, where, become) in self._writes:
                 held = field_of(m, name)
                 before = held if np.isscalar(held) else np.array(held[where])
@@ -335,8 +334,8 @@ class ChangedModel:
                     self._kept.append((name, where, before))
                     set_field(m, name, where, new)
                     self._changes.fire(number)
-            if self._derives:
-                self._derive(m)
+            if derives:
+                self._derive(m, derives)
 
     def _undo(self, m: Any, number: int, name: str, *, of_site: bool) -> None:
         """Undo the script's write to a field since the last call, if the given line made it."""
@@ -357,24 +356,17 @@ class ChangedModel:
             while self._kept and not self._inside:
                 set_field(m, *self._kept.pop())
 
-    def _derive(self, m: Any) -> None:
-        """Recompute the model's derived fields from its current masses, inertias and armatures."""
-        key = b"".join(getattr(m, name).tobytes() for name in SOURCES)
-        if self._derived is None or self._derived[0] != key:
-            before = {name: getattr(m, name).copy() for name in DERIVED if hasattr(m, name)}
-            self._watch.originals["mj_setConst"](m, self._watch.mujoco.MjData(m))
-            compensated = _number_of(m, "ngravcomp")
-            if compensated is not None:  # which older versions count only as they compile
-                compensated.value = int(np.count_nonzero(m.body_gravcomp))
-            self._derived = key, {name: getattr(m, name).copy() for name in before}
-            for name, held in before.items():
-                set_field(m, name, ..., held)
-        for name, new in self._derived[1].items():
+    def _derive(self, m: Any, numbers: Sequence[int]) -> None:
+        """Write the fields that follow from the model's current masses, inertias and the like."""
+        fields = self._derived.of(m)
+        if self._compensated is not None:
+            self._compensated.value = int(np.count_nonzero(m.body_gravcomp))
+        for name, new in fields.items():
             held = getattr(m, name)
             if not np.array_equal(held, new):
                 self._kept.append((name, ..., held.copy()))
                 set_field(m, name, ..., new)
-                for number in self._derives:
+                for number in numbers:
                     self._changes.fire(number)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...watching.operators import QUATERNION, ROTATED, becoming
 from ...watching.single_changes import ORDERS, Change, how_of
+from .derived import DERIVED_FROM, DerivedFields
 from .seen import SeenInputs
 from .writes import BALL, BY_JOINT, FREE, Operation, field_of, has_field, rows_of, sizes, writes_of
 
@@ -51,11 +52,6 @@ OF_CONTACT = (
 SAME_FRAME = {"geom_pos": "geom_sameframe", "site_pos": "site_sameframe"}
 """Flags of the compiled model that say that a position is that of the body or of its inertia; a
 change of the position has to clear them."""
-DERIVED_FROM = (
-    *("body_mass", "body_inertia", "body_ipos", "body_gravcomp"),
-    *("dof_armature", "actuator_gear", "jnt_pos", "site_pos"),
-)
-"""Fields from which MuJoCo computes derived fields."""
 ROLLS = 6
 """The `condim` of contacts with torsional and rolling friction."""
 STIFF_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
@@ -264,6 +260,9 @@ def _does(module: Any, seen: SeenInputs, change: Change) -> bool:
             before = seen.start[each["part"]]
             if np.any(started(m, before, each["how"]) != before):
                 return True
+        elif each["do"] == "derive":
+            original = getattr(module.mj_setConst, "drop_plain", module.mj_setConst)
+            return DerivedFields(module, original).are_stale(m)
         elif each["do"] not in ("write", "collide"):
             return bool(each.get("ids", True))
         for name, where, become in writes_of(module, m, each):
@@ -293,6 +292,8 @@ def operations_of(module: Any, m: Any, change: Change) -> Iterator[Operation]:
         ):
             if hasattr(flags, flag):
                 yield {**each, "field": field, "how": ("^", flag)}
+    elif name == "model":
+        yield {**each, "do": "derive"}
     elif name == "start":
         if how[0] == "+":
             free = m.jnt_bodyid[m.jnt_type == FREE].tolist()
