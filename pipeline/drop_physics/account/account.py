@@ -112,11 +112,10 @@ class Account:
         points: Points,
     ) -> None:
         """Add a chunk of explained steps, with its joints (by body id) and contact points."""
-        normals = explained.piece.contacts["normal"]
         for number, judged in explained.bodies.items():
             for steps in judged.intervals:
                 if len(steps) and steps.law.tree.size:
-                    self._add(number, steps, normals, points)
+                    self._add(number, steps, points)
         for found in joints.values():
             for driven in found:
                 self._add_controls(driven.body, explained, driven.steps)
@@ -276,14 +275,14 @@ class Account:
             if row is not None:
                 yield row
 
-    def _add(self, number: int, steps: BodySteps, normals: Float64, points: Points) -> None:
+    def _add(self, number: int, steps: BodySteps, points: Points) -> None:
         tree, first = steps.law.tree, int(steps.steps[0])
         ledger = self._ledgers.get(number)
         if ledger is None or ledger.tree.size != tree.size:
             ledger = self._ledgers[number] = Ledger(tree, first, self._bins)
         ledger.tree, ledger.last = tree, int(steps.steps[-1])
         if steps.covered:
-            ledger.add(steps, impulses_by_term(steps, normals, self._servos[number]))
+            ledger.add(steps, impulses_by_term(steps, self._servos[number]))
             if tree.fixed:
                 self._carried.setdefault(number, Carried()).add(steps)
         is_loaded_again = self._written.setdefault(number, WrittenStates()).add(steps, points)

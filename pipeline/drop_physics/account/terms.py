@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from drop_physics.arrays import Float64
 from drop_physics.explain.steps import BodySteps
-from drop_physics.physics.impulses import impulses_of
-from drop_physics.physics.kinematics import kinematics
-from drop_physics.physics.vectors import distinct, distinct_rows
+from drop_physics.physics.vectors import distinct_rows
 from drop_physics.trace.events import Body
 
 CONTACT, FRICTION, DRAG, GIVEN, GAP, RATE = "contact", "friction", "drag", "given", "gap", "rate"
@@ -52,21 +50,18 @@ Impulses = dict[Term, Float64]
 """Generalised impulses by term [N s, N m s], shape (n, size) each."""
 
 
-def impulses_by_term(
-    steps: BodySteps, normals: Float64, servos: Mapping[str, tuple[int, float]]
-) -> Impulses:
+def impulses_by_term(steps: BodySteps, servos: Mapping[str, tuple[int, float]]) -> Impulses:
     """Return impulses by term: contacts by partner, servos by stiffness and damping.
 
-    `normals` are the normals of the chunk's contact points, shape (points, 3). `servos` maps the
-    name of each position servo to the index of the joint rate that it drives, and its damping [N m
-    s/rad] or [N s/m].
+    `servos` maps the name of each position servo to the index of the joint rate that it drives, and
+    its damping [N m s/rad] or [N s/m].
     """
     found: Impulses = {}
     for cause, impulse in steps.terms.items():
         if not impulse.any():
             continue
         if cause == "contacts":
-            found |= _contacts(steps, normals, impulse)
+            found |= _contacts(steps, impulse)
         elif (servo := servos.get(cause)) is not None:
             found |= _servo(steps, cause, impulse, *servo)
         elif cause == "applied":
@@ -123,20 +118,12 @@ def _pulls(steps: BodySteps, impulse: Float64) -> Impulses:
     return found
 
 
-def _contacts(steps: BodySteps, normals: Float64, impulse: Float64) -> Impulses:
+def _contacts(steps: BodySteps, impulse: Float64) -> Impulses:
     """Split the impulses of contacts by partner, into normal forces and friction."""
     contacts, sides = steps.reported.contacts, steps.sides
     if not len(contacts) or len(contacts) != len(sides.other_body):
         return {Term("contacts"): impulse}
-    used, rows = distinct(contacts.step)
-    kin = kinematics(steps.law.tree, steps.before.at(used))
-    timestep_s = steps.reported.timestep_s[used]
-    here = replace(contacts, step=rows)
-    whole = impulses_of(kin, here, timestep_s)
-    normal = normals[sides.point]
-    along = np.einsum("ki,ki->k", contacts.force_n, normal)[:, None] * normal
-    pressed = replace(here, force_n=along, torque_n_m=np.zeros_like(contacts.torque_n_m))
-    normal_only = impulses_of(kin, pressed, timestep_s)
+    whole, normal_only = steps.point_impulses, steps.point_normal_impulses
     links = np.stack([contacts.link, sides.other_link], axis=1)
     own = sides.other_body == steps.body.number
     links[own] = np.sort(links[own], axis=1)  # both sides of a contact between own links are one

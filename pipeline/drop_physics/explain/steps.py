@@ -22,7 +22,7 @@ from drop_physics.explain.segments import FLIGHT
 from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touching import Sides, Touching
 from drop_physics.physics.impulses import EXPLAINED, Forces, Summed, impulses_of, per_step
-from drop_physics.physics.kinematics import kinematics
+from drop_physics.physics.kinematics import Kinematics, kinematics
 from drop_physics.physics.moving import moved_on
 from drop_physics.physics.step_law import DampedTree, Reason, Reported, StepLaw
 from drop_physics.physics.tree import BASE, States, Tree
@@ -157,17 +157,23 @@ class Steps:
         return bool(self.terms)
 
     @cached_property
+    def point_impulses(self) -> Float64:
+        """The generalised impulse of each contact point [N s, N m s], shape (points, size)."""
+        return self._impulses_at_points(self.reported.contacts)
+
+    @cached_property
+    def point_normal_impulses(self) -> Float64:
+        """The same impulses without friction, shape (points, size)."""
+        contacts, normal = self.reported.contacts, self.sides.normal
+        along = np.einsum("ki,ki->k", contacts.force_n, normal)[:, None] * normal
+        still = np.zeros_like(contacts.torque_n_m)
+        return self._impulses_at_points(replace(contacts, force_n=along, torque_n_m=still))
+
+    @cached_property
     def point_energy_j(self) -> Float64:
         """The energy that each contact point gave to the body: ½ (u' + u)·P, shape (points,)."""
-        contacts, tree = self.reported.contacts, self.law.tree
-        if not len(contacts) or not tree.size:
-            return np.zeros(len(contacts))
-        used, rows = distinct(contacts.step)
-        kin = kinematics(tree, self.before.at(used))
-        timestep_s = self.reported.timestep_s[used]
-        impulses = impulses_of(kin, replace(contacts, step=rows), timestep_s)
-        mean = 0.5 * (self.before.velocity + self.after.velocity)[contacts.step]
-        return np.asarray(np.einsum("ki,ki->k", mean, impulses))
+        mean = 0.5 * (self.before.velocity + self.after.velocity)[self.reported.contacts.step]
+        return np.asarray(np.einsum("ki,ki->k", mean, self.point_impulses))
 
     @cached_property
     def contact_j(self) -> Float64:
@@ -175,15 +181,33 @@ class Steps:
         step = self.reported.contacts.step
         return np.bincount(step, self.point_energy_j, minlength=len(self)).astype(np.float64)
 
+    @cached_property
+    def _touched(self) -> tuple[Kinematics, Int64, Int64]:
+        """Poses before the steps with contacts, these steps, and the index of each point's."""
+        used, rows = distinct(self.reported.contacts.step)
+        return kinematics(self.law.tree, self.before.at(used)), used, rows
+
+    def _impulses_at_points(self, forces: Forces) -> Float64:
+        """Return the generalised impulses of forces at the contact points, (points, size)."""
+        if not len(forces) or not self.law.tree.size:
+            return np.zeros((len(forces), self.law.tree.size))
+        kin, used, rows = self._touched
+        return impulses_of(kin, replace(forces, step=rows), self.reported.timestep_s[used])
+
 
 class BodyColumn:
-    """An array of `BodySteps`: a body's rows of the batch's array, cut out when first read."""
+    """An array of `BodySteps`: a body's rows of the batch's array, cut out when first read.
 
-    def __init__(self, name: str) -> None:
-        self._name = name
+    With `of_points`, the rows are those of its contact points.
+    """
+
+    def __init__(self, name: str, *, of_points: bool = False) -> None:
+        self._name, self._of_points = name, of_points
 
     def __get__(self, steps: BodySteps, _: type[BodySteps]) -> object:
-        cut = vars(steps)[self._name] = steps.cut(getattr(steps.whole, self._name))
+        column = getattr(steps.whole, self._name)
+        cut = column[steps.points] if self._of_points else steps.cut(column)
+        vars(steps)[self._name] = cut
         return cut
 
 
@@ -222,19 +246,11 @@ class BodySteps(Steps):
         """Return the number of steps."""
         return int(self.rows.stop - self.rows.start)
 
-    @cached_property
-    def point_energy_j(self) -> Float64:
-        """The energy that each contact point gave to the body: ½ (u' + u)·P, shape (points,)."""
-        return self.whole.point_energy_j[self.points]
 
-    @cached_property
-    def contact_j(self) -> Float64:
-        """The energy that all contact points together gave to the body in each step."""
-        return self.whole.contact_j[self.rows]
-
-
-for _column in fields(Steps):
-    setattr(BodySteps, _column.name, BodyColumn(_column.name))
+for _column in (*(each.name for each in fields(Steps)), "contact_j"):
+    setattr(BodySteps, _column, BodyColumn(_column))
+for _column in ("point_impulses", "point_normal_impulses", "point_energy_j"):
+    setattr(BodySteps, _column, BodyColumn(_column, of_points=True))
 
 
 @dataclass(frozen=True, eq=False)

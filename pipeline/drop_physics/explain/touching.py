@@ -36,6 +36,8 @@ class Sides(Rowed):
     """Row index of the contact point in the chunk."""
     row: Int64
     """Row index of this side among all sides of the chunk."""
+    normal: Float64
+    """Unit vector of the contact point, shape (k, 3), as the engine reports it."""
     rolling: Flags
     """Whether either link has a coefficient of rolling or spinning friction."""
 
@@ -82,6 +84,7 @@ class Touching:
             is_a=is_a,
             point=points,
             row=np.arange(len(points)),
+            normal=contacts["normal"][points],
             rolling=rolling[points],
         )
         self._distance_m = np.ascontiguousarray(contacts["distance_m"])

@@ -22,7 +22,7 @@ from drop_physics.engines.mujoco import frames
 from drop_physics.engines.mujoco.explained import ReplayedPiece, Vocabulary, piece_of
 from drop_physics.errors import DropError
 from drop_physics.trace.frames import Frames, ModelEdit
-from drop_physics.workers import how_it_ended, users_environment
+from drop_physics.workers import SAFE, how_it_ended, users_environment
 
 MODULE = "mujoco.explain.answering"
 """The module that the script's interpreter runs."""
@@ -81,7 +81,8 @@ class Stepper:
 
     def __enter__(self) -> Self:
         command = [self._python, str(WATCHING), self.module]
-        pipe, environment = subprocess.PIPE, {**users_environment(), **self._environment}
+        pipe = subprocess.PIPE
+        environment = {**users_environment(), **SAFE, **self._environment}
         try:
             self._process = subprocess.Popen(
                 command, stdin=pipe, stdout=pipe, env=environment, process_group=self.group

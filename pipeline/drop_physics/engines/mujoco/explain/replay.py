@@ -150,7 +150,7 @@ class ReplayedData:
     def __init__(self, number: int, model: ReplayedModel) -> None:
         self.number, self.model = number, model
         self.d: Any = mujoco.MjData(model.m)
-        self.other: Any = None
+        self.other: _Elsewhere | None = None
         """A second MjData, in which the stages of a step are evaluated."""
         self.core, self.user = memory.core_of(self.d), memory.user_of(self.d)
         self.qpos, self.qvel = self.d.qpos, self.d.qvel
@@ -417,7 +417,8 @@ class Replay:
     def _batch(self, state: ReplayedData, integrator: int) -> WaitingSteps:
         model, d = state.model, state.d
         if integrator == RK4:
-            state.other = d = state.other or mujoco.MjData(model.m)
+            state.other = state.other or _Elsewhere(mujoco.MjData(model.m))
+            d = state.other.d
         return WaitingSteps(model.m, d, model.layout, model.terms, model.pairs, integrator, VERSION)
 
     def _evaluate(
@@ -430,16 +431,16 @@ class Replay:
     ) -> None:
         """Evaluate RK4's stages once more, to copy the forces of each."""
         m, other = state.model.m, state.other
-        core, user = memory.core_of(other), memory.user_of(other)
+        assert other is not None
         sparse = state.model.sparse
         calls = by_callback(answers)
-        if user.size:
-            user.view[:] = before[2]
+        if other.user.size:
+            other.user.view[:] = before[2]
         for stage in stages:
-            core.view[:] = stage[:-8]
-            (other.time,) = struct.unpack("<d", stage[-8:])
-            self._now, self._calls = _Elsewhere(other), calls
-            mujoco.mj_forward(m, other)
+            other.core.view[:] = stage[:-8]
+            (other.d.time,) = struct.unpack("<d", stage[-8:])
+            self._now, self._calls = other, calls
+            mujoco.mj_forward(m, other.d)
             self._now = None
             batch.evaluated(sparse, state.is_applied, state.is_pushed)
 
@@ -504,10 +505,10 @@ def _goes_on(asked: StepsAsked, step: int) -> bool:
 
 
 class _Elsewhere:
-    """Stands in for an MjData in a callback, and directs writes to another MjData."""
+    """Another MjData, to which a callback's writes are directed."""
 
     def __init__(self, d: Any) -> None:
-        self.d, self.core = d, memory.core_of(d)
+        self.d, self.core, self.user = d, memory.core_of(d), memory.user_of(d)
 
     def write(self, name: str, indices: Any, values: Any) -> None:
         """Write elements of a state array."""
