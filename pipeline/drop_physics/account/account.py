@@ -30,7 +30,12 @@ from drop_physics.account.read import Sensed, reading_rows
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.series import BaseTrack
 from drop_physics.account.subjects import MeasuredBody, subject_of
-from drop_physics.account.terms import impulses_by_term, servos_of
+from drop_physics.account.terms import (
+    Impulses,
+    contact_impulses,
+    impulses_by_term,
+    servos_of,
+)
 from drop_physics.account.touches import TouchTable
 from drop_physics.account.touching import touching_rows
 from drop_physics.account.transmitted import transmission_rows
@@ -112,10 +117,13 @@ class Account:
         points: Points,
     ) -> None:
         """Add a chunk of explained steps, with its joints (by body id) and contact points."""
+        contacts = dict[BodySteps, Impulses]()
+        for batch, _ in explained.batches:
+            contacts |= contact_impulses(batch)
         for number, judged in explained.bodies.items():
             for steps in judged.intervals:
                 if len(steps) and steps.law.tree.size:
-                    self._add(number, steps, points)
+                    self._add(number, steps, contacts.get(steps, {}), points)
         for found in joints.values():
             for driven in found:
                 self._add_controls(driven.body, explained, driven.steps)
@@ -275,14 +283,14 @@ class Account:
             if row is not None:
                 yield row
 
-    def _add(self, number: int, steps: BodySteps, points: Points) -> None:
+    def _add(self, number: int, steps: BodySteps, contacts: Impulses, points: Points) -> None:
         tree, first = steps.law.tree, int(steps.steps[0])
         ledger = self._ledgers.get(number)
         if ledger is None or ledger.tree.size != tree.size:
             ledger = self._ledgers[number] = Ledger(tree, first, self._bins)
         ledger.tree, ledger.last = tree, int(steps.steps[-1])
         if steps.covered:
-            ledger.add(steps, impulses_by_term(steps, self._servos[number]))
+            ledger.add(steps, impulses_by_term(steps, contacts, self._servos[number]))
             if tree.fixed:
                 self._carried.setdefault(number, Carried()).add(steps)
         is_loaded_again = self._written.setdefault(number, WrittenStates()).add(steps, points)

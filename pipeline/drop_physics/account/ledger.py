@@ -86,9 +86,10 @@ class Ledger:
         """
         while (int(steps.steps[-1]) - self.first) // self.width >= self.bins:
             self._widen()
-        rows = np.flatnonzero(steps.closes)
-        if not len(rows):
+        closing = np.flatnonzero(steps.closes)
+        if not len(closing):
             return
+        rows = closing if len(closing) < len(steps) else slice(None)  # which copies nothing
         at = (steps.steps[rows] - self.first) // self.width
         timestep_s = steps.reported.timestep_s[rows]
         before, after = steps.before.velocity[rows], steps.after.velocity[rows]
@@ -99,7 +100,7 @@ class Ledger:
         np.add.at(self.gained, at, after - before)
         last = np.flatnonzero(np.diff(at, append=at[-1] + 1))
         for name in ("position_m", "orientation", "joints", "velocity"):
-            getattr(self.ends, name)[at[last]] = getattr(steps.after, name)[rows[last]]
+            getattr(self.ends, name)[at[last]] = getattr(steps.after, name)[closing[last]]
         for term, impulse in impulses.items():
             its = impulse[rows]
             for kept, values in ((self.impulse, its), (self.work, its * mean)):

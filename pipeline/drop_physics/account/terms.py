@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from drop_physics.arrays import Float64
-from drop_physics.explain.steps import BodySteps
-from drop_physics.physics.vectors import distinct_rows
+from drop_physics.explain.steps import BodySteps, StepBatch
+from drop_physics.physics.vectors import distinct_rows, largest, summed
 from drop_physics.trace.events import Body
 
 CONTACT, FRICTION, DRAG, GIVEN, GAP, RATE = "contact", "friction", "drag", "given", "gap", "rate"
@@ -50,9 +50,12 @@ Impulses = dict[Term, Float64]
 """Generalised impulses by term [N s, N m s], shape (n, size) each."""
 
 
-def impulses_by_term(steps: BodySteps, servos: Mapping[str, tuple[int, float]]) -> Impulses:
+def impulses_by_term(
+    steps: BodySteps, contacts: Impulses, servos: Mapping[str, tuple[int, float]]
+) -> Impulses:
     """Return impulses by term: contacts by partner, servos by stiffness and damping.
 
+    `contacts` are the body's, as `contact_impulses` returns them.
     `servos` maps the name of each position servo to the index of the joint rate that it drives, and
     its damping [N m s/rad] or [N s/m].
     """
@@ -61,7 +64,7 @@ def impulses_by_term(steps: BodySteps, servos: Mapping[str, tuple[int, float]]) 
         if not impulse.any():
             continue
         if cause == "contacts":
-            found |= _contacts(steps, impulse)
+            found |= contacts
         elif (servo := servos.get(cause)) is not None:
             found |= _servo(steps, cause, impulse, *servo)
         elif cause == "applied":
@@ -71,6 +74,53 @@ def impulses_by_term(steps: BodySteps, servos: Mapping[str, tuple[int, float]]) 
         else:
             found[Term(cause)] = impulse
     return found
+
+
+def contact_impulses(batch: StepBatch) -> dict[BodySteps, Impulses]:
+    """Return the contact impulses on each body of a batch by partner: normal forces, friction.
+
+    All bodies of the batch are divided together, their strongest partners first, then their second
+    strongest, and so on.
+    """
+    whole, sides, bodies = batch.whole, batch.whole.sides, batch.bodies
+    impulse, step = whole.terms.get("contacts"), whole.reported.contacts.step
+    if impulse is None:
+        return {}
+    if not len(step) or len(step) != len(sides):
+        return {steps: {Term("contacts"): impulse[steps.rows]} for steps in bodies}
+    acting, normal = whole.point_impulses, whole.point_normal_impulses
+    place = np.repeat(
+        np.arange(len(bodies)), [each.points.stop - each.points.start for each in bodies]
+    )
+    links = np.stack([sides.link, sides.other_link], axis=1)
+    own = sides.other_body == sides.body
+    links[own] = np.sort(links[own], axis=1)  # both sides of a contact between own links are one
+    partners = np.stack([place, links[:, 0], sides.other_body, links[:, 1]], axis=1)
+    kinds, _, which = distinct_rows(partners)
+    strength = np.bincount(which, np.abs(acting).sum(axis=1), minlength=len(kinds))
+    most, rank = np.zeros(len(kinds)), np.empty(len(kinds), np.int64)
+    np.maximum.at(most, which, largest(acting))
+    firsts = np.searchsorted(kinds[:, 0], kinds[:, 0])
+    rank[np.lexsort((-strength, kinds[:, 0]))] = np.arange(len(kinds)) - firsts
+    found: list[Impulses] = [{} for _ in bodies]
+    left = impulse.copy()
+    for each in range(min(int(rank.max()) + 1, MOST_PARTNERS)):
+        its, among = np.flatnonzero(rank[which] == each), np.flatnonzero(rank == each)
+        for cause, values in ((CONTACT, normal), (FRICTION, acting - normal)):
+            part = summed(step[its], values[its], count=len(whole))
+            strongest = largest(part)
+            for kind in among.tolist():
+                body, link, other, other_link = kinds[kind].tolist()
+                rows = bodies[body].rows
+                if strongest[rows].max() > SINGLE * most[kind]:
+                    term = Term(cause, link=link, other=other, other_link=other_link)
+                    found[body][term] = part[rows]
+            left -= part
+    rest, size = largest(left), largest(impulse)
+    for steps, impulses in zip(bodies, found, strict=True):
+        if rest[steps.rows].max(initial=0.0) > SINGLE * size[steps.rows].max(initial=0.0):
+            impulses[Term("contacts")] = left[steps.rows]
+    return dict(zip(bodies, found, strict=True))
 
 
 def servos_of(body: Body) -> dict[str, tuple[int, float]]:
@@ -115,32 +165,4 @@ def _pulls(steps: BodySteps, impulse: Float64) -> Impulses:
     left = impulse - sum(found.values())
     if np.abs(left).max() > ROUNDED * np.abs(impulse).max():
         found[Term(HELD)] = left
-    return found
-
-
-def _contacts(steps: BodySteps, impulse: Float64) -> Impulses:
-    """Split the impulses of contacts by partner, into normal forces and friction."""
-    contacts, sides = steps.reported.contacts, steps.sides
-    if not len(contacts) or len(contacts) != len(sides.other_body):
-        return {Term("contacts"): impulse}
-    whole, normal_only = steps.point_impulses, steps.point_normal_impulses
-    links = np.stack([contacts.link, sides.other_link], axis=1)
-    own = sides.other_body == steps.body.number
-    links[own] = np.sort(links[own], axis=1)  # both sides of a contact between own links are one
-    partners = np.stack([links[:, 0], sides.other_body, links[:, 1]], axis=1)
-    kinds, _, which = distinct_rows(partners)
-    strength = np.bincount(which, np.abs(whole).sum(axis=1), minlength=len(kinds))
-    found, left = {}, impulse.copy()
-    for kind in np.argsort(-strength, kind="stable")[:MOST_PARTNERS].tolist():
-        its = which == kind
-        link, other, other_link = kinds[kind].tolist()
-        least = SINGLE * float(np.abs(whole[its]).max())
-        for cause, values in ((CONTACT, normal_only), (FRICTION, whole - normal_only)):
-            part = np.zeros_like(impulse)
-            np.add.at(part, contacts.step[its], values[its])
-            if np.abs(part).max() > least:
-                found[Term(cause, link=link, other=other, other_link=other_link)] = part
-            left -= part
-    if np.abs(left).max() > SINGLE * np.abs(impulse).max():
-        found[Term("contacts")] = left
     return found

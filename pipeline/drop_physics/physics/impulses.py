@@ -56,6 +56,8 @@ class Forces(Rowed):
 
     def between(self, first: int, last: int) -> Forces:
         """Return the rows of the steps from `first` up to `last`, with steps counted from 0."""
+        if not len(self.step):
+            return self
         if self._rises:
             kept = self.at(slice(*np.searchsorted(self.step, (first, last))))
         else:
