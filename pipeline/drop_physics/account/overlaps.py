@@ -168,6 +168,8 @@ class Overlaps:
         samples = np.unique(np.linspace(first, end - 1, looks).astype(np.int64))
         every, poses = max(1, (end - first) // looks), dict[Place, tuple[Float64, Float64]]()
         for pair in self._pairs:
+            if pair.at_first:  # it is taken as designed, however deep it gets
+                continue
             for place in pair.places - poses.keys():
                 poses[place] = explained.placed(*place, samples)
             one, other = (poses[shape.place] for shape in pair.shapes)
