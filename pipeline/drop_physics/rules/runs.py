@@ -50,7 +50,9 @@ class Runs:
 
     @staticmethod
     def listed(parts: Sequence[Runs]) -> Runs:
-        """Concatenate the rows of several tables."""
+        """Concatenate the rows of several tables; return a single table unchanged."""
+        if len(parts) == 1:
+            return parts[0]
         columns = {
             name: (kind, np.concatenate([part.columns[name][1] for part in parts]))
             for name, (kind, _) in parts[0].columns.items()
@@ -59,32 +61,35 @@ class Runs:
 
     def joined(self, *, consecutive: bool) -> Runs:
         """Merge the rows of each key; with `consecutive`, only rows of consecutive steps."""
-        them = self.at(np.lexsort((self["first"], *self.keys.T[::-1])))
-        new = np.append(True, them.ends[:-1])
+        order = np.lexsort((self["first"], *self.keys.T[::-1]))
+        new = np.append(True, (np.diff(self.keys[order], axis=0) != 0).any(axis=1))
         if consecutive:
-            new[1:] |= them["first"][1:] != them["last"][:-1] + 1
-            new |= them.columns.get("begins", ("first", new))[1]
+            new[1:] |= self["first"][order[1:]] != self["last"][order[:-1]] + 1
+            if "begins" in self.columns:
+                new |= self["begins"][order]
         starts, row = np.flatnonzero(new), np.cumsum(new) - 1
-        size = np.where(np.isnan(them["size"]), np.inf, them["size"])
+        size = self["size"][order]
+        size[np.isnan(size)] = np.inf
         largest = np.flatnonzero(size == np.maximum.reduceat(size, starts)[row])
         at = largest[np.unique(row[largest], return_index=True)[1]]
-        after = np.arange(len(them)) - at[row]
+        after = np.arange(len(order)) - at[row]
         rows = {"at": at, "first": starts, "last": np.append(starts[1:], len(row)) - 1}
 
         def kept(name: str, kind: Kind, values: NDArray[Any]) -> NDArray[Any]:
             if kind in rows:
-                return np.asarray(values[rows[kind]])
+                return np.asarray(values[order[rows[kind]]])
+            values = values[order]
             if kind == "until":  # what came before the largest row, and led to that within it
-                values = values.copy()
-                values[after < 0] = them.columns[name.removeprefix("until_")][1][after < 0]
+                before = order[after < 0]
+                values[after < 0] = self[name.removeprefix("until_")][before]
                 values[after > 0] = 0.0
             reduce = np.maximum if kind == "most" else np.add
             return np.asarray(reduce.reduceat(values, starts))
 
         columns = {
-            name: (kind, kept(name, kind, each)) for name, (kind, each) in them.columns.items()
+            name: (kind, kept(name, kind, each)) for name, (kind, each) in self.columns.items()
         }
-        return Runs(them.keys[starts], columns)
+        return Runs(self.keys[order[starts]], columns)
 
     def noting(self, numbers: Mapping[str, NDArray[Any]]) -> Runs:
         """Return the rows with columns added."""
