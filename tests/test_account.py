@@ -406,6 +406,45 @@ def test_a_start_is_told_in_both_orders_of_its_quaternion_and_in_both_frames(tol
     assert f"with w last the same numbers are {math.degrees(0.5):.3g}° about y" in row.told
 
 
+def test_a_ray_that_meets_nothing_is_told_with_its_direction(told: Told) -> None:
+    drone = """<geom type="plane" size="5 5 1"/><body name="drone" pos="0 0 2" euler="30 0 0">
+    <joint type="slide"/><geom size="0.1"/><site name="eye" pos="0 0 -0.2" euler="{turn} 0 0"/>
+    </body>"""
+    sensor = "<sensor><rangefinder name='sonar' site='eye'/></sensor>"
+    row = the(told(drone.format(turn=0), sensor, steps=20), "reads", "sonar")
+    assert "rangefinder on drone: -1 m at the end and in every step" in row.told
+    sine, cosine = math.sin(math.radians(30)), math.cos(math.radians(30))
+    assert f"at first (0, {-sine:.3g}, {cosine:.3g}) in the world" in row.told
+    row = the(told(drone.format(turn=150), sensor, steps=1), "reads", "sonar")
+    assert "meets nothing" not in row.told
+    assert row.got == pytest.approx(2 - 0.2 * cosine, rel=1e-3)
+
+
+def test_a_push_along_the_world_is_told_in_the_axes_of_a_turned_body(told: Told) -> None:
+    world = """<body name="quad" pos="0 0 1" euler="0 {tilt} 0"><freejoint/>
+    <geom type="box" size="0.2 0.2 0.05" mass="1"/></body>"""
+    push = "data.xfrc_applied[1, 2] = 15"
+    rows = told(world.format(tilt=20), "", push, 100)
+    own = -math.sin(math.radians(20)), math.cos(math.radians(20))
+    said = f"along the world's z on the whole, at the start ({own[0]:.3g}, 0, {own[1]:.3g}) in its"
+    assert said in the(rows, "moved", "0_quad").told
+    rows = told(world.format(tilt=0), "", push, 100)
+    assert not [row for row in rows if "own axes" in row.told]
+
+
+def test_held_controls_are_told_in_the_actuators_order(told: Told) -> None:
+    arm = """<body name="arm"><joint name="one" axis="0 0 1" damping="1"/>
+    <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="0.1"/>
+    <body pos="0.3 0 0"><joint name="two" axis="0 0 1" damping="1"/>
+    <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="0.1"/></body></body>"""
+    servos = """<actuator><position name="b" joint="two" kp="50"/>
+    <position name="a" joint="one" kp="50"/></actuator>"""
+    rows = told(arm, servos, "data.ctrl[:] = 0.4, -0.2", 1000)
+    assert "b 0.4, two 0.4 rad; a -0.2, one -0.2 rad" in the(rows, "given", "0_arm").told
+    rows = told(arm, servos, "data.ctrl[:] = 0.4 * data.time, -0.2", 300)
+    assert not [row for row in rows if "in their order" in row.told]
+
+
 PENDULUM = """<body name="arm" pos="0 0 1"><joint name="pin" axis="0 1 0" damping="0.1"/>
 <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.02" mass="1"/>
 <site name="tip" pos="0.4 0 0"/></body>"""

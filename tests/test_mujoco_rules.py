@@ -344,7 +344,11 @@ def numbers(text: str) -> list[float]:
                 "pushed",
                 r"pushed by 3 N in 80 steps, from step 21 .*xfrc_applied\[1\]",
             ),
-            ("model-edited", "heavy", r"from 1 to 20 kg before step 21 .*mj_setConst"),
+            (
+                "model-edited",
+                "heavy",
+                r"to 20 kg before step 21 .*that of 1 kg: the inertia that forces.*mj_setConst",
+            ),
             ("slides", "sliding", r"at most 1\.84 N \(coefficient 0\.2\).*\(0\.364\)"),
             ("static-parent", "base", r"link1 is 10 mm inside base .*<exclude"),
             ("starts-in-contact", "high", r"begins 50 mm inside .*low"),

@@ -13,6 +13,7 @@ from drop_physics.account.carried import Carried, across_joints
 from drop_physics.account.constrained import Held, coupling
 from drop_physics.account.engine_resets import engine_reset_rows
 from drop_physics.account.feedback import GivenControls
+from drop_physics.account.held_controls import held_controls_rows
 from drop_physics.account.idle import (
     IdleSettings,
     MadeStatic,
@@ -245,6 +246,7 @@ class Account:
         controls = self._controls_of(subject.body, len(series))
         yield from asked.clamped_rows(subject, controls, series.steps)
         yield from idle_actuator_rows(subject, self._seen, controls)
+        yield from held_controls_rows(subject, series, controls)
         of_body = self._actuators.rows(subject.body, self._seen)
         yield from transmission_rows(subject, self._seen, of_body)
         given = GivenControls(subject, series, controls, words)

@@ -14,6 +14,7 @@ from drop_physics.account.series import BaseTrack, JointSeries
 from drop_physics.account.shaped import mass_outside, too_inert
 from drop_physics.account.starting import (
     base_at_start,
+    pushed_askew,
     spins_at_start,
     starts_beyond,
     turned_at_start,
@@ -341,6 +342,9 @@ def base_rows(
         turn = _turn(subject, track, written, base, words)
         rows.append(replace(turn, told=turn.told + commanded))
     started = turned_at_start(base, w_first=w_first) + too_inert(subject)
+    if APPLIED in subject.ledger.impulse:
+        push = subject.ledger.impulse[APPLIED][:, 3:6].sum(axis=0)
+        started = started + pushed_askew(base, push)
     started = started + _size(subject) + _untouched(subject, track, gravity_m_s2)
     first = max(rows, key=lambda each: each.salience, default=None)
     for each in rows:

@@ -11,10 +11,11 @@ from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import Term
 from drop_physics.account.touches import PairKey, TouchedLinks
 from drop_physics.account.words import RowWords, answered_range
+from drop_physics.arrays import Float64
 from drop_physics.explain.contact_points import Points
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.solids import solid_of
-from drop_physics.messages import Message
+from drop_physics.messages import Message, joined
 from drop_physics.physics.columns import rotation
 from drop_physics.physics.tree import BASE
 from drop_physics.quantities import number, quantity
@@ -33,6 +34,12 @@ from drop_physics.trace.readings import (
 from drop_physics.trace.readings import Subject as Target
 
 LEAST_N = 1e-9
+UNITS = {"touch": "N", "force": "N", "rangefinder": "m"}
+"""Units of the sensors that have a row."""
+NOTHING_M = -1.0
+"""What a rangefinder reads whose ray meets nothing."""
+SEES_NOTHING = 1.5
+"""The salience of a rangefinder that never meets anything."""
 LOOKS = 64
 """Number of contact points of a chunk that are compared with a sensor's site."""
 
@@ -91,9 +98,25 @@ class Sensed:
         self._solids = [solid_of(sensor.place) for sensor in self._sensors if sensor.place]
         self.outside_m = {sensor.name: np.inf for sensor in self._sensors}
         """Distance of the nearest contact point outside a site [m], by sensor name."""
+        self._rays = [
+            sensor for sensor in seen.sensors if sensor.kind == "rangefinder" and sensor.place
+        ]
+        self._along: dict[str, Float64] = {}
+        """Direction of a rangefinder's ray in the world at first, by sensor name."""
 
     def add(self, explained: ExplainedPiece, points: Points) -> None:
         """Add the contact points of a chunk."""
+        for sensor in self._rays:
+            steps = (
+                explained.bodies[sensor.body].intervals if sensor.body in explained.bodies else ()
+            )
+            if sensor.name in self._along or not steps or not len(steps[0]):
+                continue
+            assert sensor.place is not None
+            first = steps[0].steps[:1]
+            _, axes = explained.placed(sensor.body, sensor.link, first, after=False)
+            turn = rotation(np.array(sensor.place.orientation)[:, None])[..., 0]
+            self._along[sensor.name] = axes[0] @ turn[:, 2]
         for sensor, solid in zip(self._sensors, self._solids, strict=True):
             mine = (points.body == sensor.body) & (points.link == sensor.link)
             rows = np.flatnonzero(mine.any(axis=1) & (points.normal_n > 0))
@@ -119,23 +142,26 @@ class Sensed:
         pairs: Mapping[PairKey, TouchedLinks],
         words: RowWords,
     ) -> Iterator[AccountRow]:
-        """Yield the rows for a model's touch and force sensors."""
+        """Yield the rows for a model's touch and force sensors, and its rangefinders."""
         for sensor in seen.sensors:
             subject = subjects.get(sensor.body)
-            if subject is None or sensor.kind not in ("touch", "force") or not sensor.answers:
+            if subject is None or sensor.kind not in UNITS or not sensor.answers:
                 continue
             if not subject.lasts(seen):
                 continue
+            unit = UNITS[sensor.kind]
             told = Message(
                 "{kind} on {link}: {value} at the end",
                 kind=sensor.kind,
                 link=words.names.link(sensor.body, sensor.link),
-                value=quantity(float(np.linalg.norm([a.last for a in sensor.answers])), "N"),
+                value=quantity(_size(sensor), unit),
             )
             if len(sensor.answers) == 1:
                 told = told + answered_range(sensor.answers[0])
             if sensor.kind == "touch":
                 told = told + self._touch(sensor, pairs)
+            elif sensor.kind == "rangefinder":
+                told = told + self._ray(sensor)
             elif sensor.link > BASE:
                 told = told + _beyond(subject, sensor.link)
             last = subject.ledger.last
@@ -144,11 +170,22 @@ class Sensed:
                 site=sensor.name,
                 told=told,
                 got=sensor.answers[0].last if len(sensor.answers) == 1 else None,
-                unit="N",
+                unit=unit,
                 step=last,
-                salience=0.4,
+                salience=SEES_NOTHING if _sees_nothing(sensor) else 0.4,
                 subject=subject.body,
             )
+
+    def _ray(self, sensor: Sensor) -> Message:
+        """Describe where a rangefinder's ray goes, if it never meets anything."""
+        along = self._along.get(sensor.name)
+        if not _sees_nothing(sensor) or along is None:
+            return Message("")
+        return Message(
+            " and in every step: its ray meets nothing; it goes along its site's z axis, at first "
+            "({axis}) in the world",
+            axis=joined(", ", [number(float(np.round(each, 3)) + 0.0) for each in along]),
+        )
 
     def _touch(self, sensor: Sensor, pairs: Mapping[PairKey, TouchedLinks]) -> Message:
         target = Target(sensor.body, sensor.link)
@@ -163,6 +200,18 @@ class Sensed:
                 outside=quantity(outside_m, "m"),
             )
         return told
+
+
+def _size(sensor: Sensor) -> float:
+    """Return a sensor's last reading: a number, or the size of a vector."""
+    last = [answer.last for answer in sensor.answers]
+    return last[0] if len(last) == 1 else float(np.linalg.norm(last))
+
+
+def _sees_nothing(sensor: Sensor) -> bool:
+    """Return whether a rangefinder meets nothing in any step."""
+    answer = sensor.answers[0]
+    return sensor.kind == "rangefinder" and answer.least == answer.greatest == NOTHING_M
 
 
 def _whom(reading: Reading, words: RowWords) -> str:

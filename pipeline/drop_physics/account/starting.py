@@ -104,6 +104,26 @@ def spins_at_start(base: Float64 | None, spin_rad_s: Float64) -> Message:
     )
 
 
+def pushed_askew(base: Float64 | None, push: Float64) -> Message:
+    """Describe a push along an axis of the world in the axes of a body that starts turned.
+
+    `push` is the sum of the applied impulses, in world axes, shape (3,). Nothing is said of a push
+    in another direction, or along the same axis of the body.
+    """
+    size = float(np.linalg.norm(push))
+    if base is None or not size or np.abs(push).max() < ALONG * size:
+        return Message("")
+    own = rotate((base * INVERSE)[None], push[None] / size)[0]
+    if np.abs(own - push / size).max() < LEAST_RAD:
+        return Message("")
+    return Message(
+        "; the applied force is along the world's {axis} on the whole, at the start ({own}) in its "
+        "own axes",
+        axis=main_axis(push),
+        own=joined(", ", [number(float(np.round(each, 3)) + 0.0) for each in own]),
+    )
+
+
 def starts_beyond(joint: Joint, start: float, unit: str) -> Message:
     """Describe the range of a joint that starts outside it; nothing if it starts within."""
     low, high = joint.limits

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.joints import DrivenJoints
 from drop_physics.messages import Message
+from drop_physics.rules.answer import so_many
 from drop_physics.rules.by_name import called
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
@@ -106,7 +107,14 @@ def _taken(damped: Float64, rubbed: Float64, swung: Float64) -> tuple[Float64, N
 
 @stays_slow.notes
 def _(
-    noted: Runs, subject: Body, link: int, unit: str, driven: float, time: float, fastest: float
+    noted: Runs,
+    subject: Body,
+    link: int,
+    unit: str,
+    driven: float,
+    time: float,
+    fastest: float,
+    count: int,
 ) -> Noted:
     taken, which = called(_taken, noted)
     share = float(taken[0]) / driven
@@ -115,6 +123,7 @@ def _(
         "drive": driven / time,
         "takes": driven / time * share,
         "share": share,
+        "steps": so_many(count),
         "rate": f"{fastest:.2g} {unit}/s",
         "damping": subject.joints[link].damping,
         "friction": subject.joints[link].friction,
@@ -140,8 +149,8 @@ stays_slow.rows(
     ),
     like=SayingRow(
         says=Message(
-            "{joint} is driven with {drive:N} and gets no faster than {rate}: its {why} takes "
-            "{share:.0%} of that"
+            "{joint} is driven with {drive:N} beyond its weight in {steps}, and gets no faster "
+            "than {rate} in these: its {why} takes {share:.0%} of that"
         ),
         effect="takes",
         unit="{effort}",

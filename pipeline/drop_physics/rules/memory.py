@@ -105,21 +105,35 @@ def model_edited(inputs: Inputs, seen: Seen) -> Iterator[Case]:
                 worst[client] = ratio, old, new, edit, index
     for client, (ratio, old, new, edit, index) in worst.items():
         told: dict[str, object] = {"old": old, "new": new, "more": new - old, "ratio": ratio}
+        body = body_at(seen, client, index)
         told |= {"step": edit.call.at.step + 1, "index": index}
-        yield Case(call=edit.call, subject=body_at(seen, client, index), values=told)
+        told["is_inert"] = any(
+            each.body is body and "coupled" in each.reported for each in seen.dynamics
+        )
+        yield Case(call=edit.call, subject=body, values=told)
 
 
 MODEL_EDITED = SayingRow(
     says=Message(
-        "the mass of {body} is changed in place from {old:.4g} to {new:.4g} kg before step "
-        "{step:,} (body_mass[{index}]), and what the model derives from it is not: contacts, "
-        "limits and equalities are as soft as for {old:.4g} kg"
+        "the mass of {body} is changed in place to {new:.4g} kg before step {step:,} "
+        "(body_mass[{index}]), and what the model derives from it is still that of {old:.4g} kg: "
+        "{why}"
     ),
     cure=Remedy("set-const"),
     effect="more",
     unit="kg",
     share="ratio",
 )
+INERT = SayingRow(
+    why=Message("the inertia that forces act on, and how soft contacts and limits are")
+)
+SOFT = SayingRow(why=Message("how soft contacts, limits and equalities are"))
 model_edited.rows(
-    SayingRow(when=lambda ratio: ratio < MASS_EDIT, level="note"), SayingRow(), like=MODEL_EDITED
+    SayingRow(when=lambda is_inert, ratio: is_inert and ratio < MASS_EDIT, level="note").like(
+        INERT
+    ),
+    SayingRow(when=lambda is_inert: is_inert).like(INERT),
+    SayingRow(when=lambda ratio: ratio < MASS_EDIT, level="note").like(SOFT),
+    SOFT,
+    like=MODEL_EDITED,
 )

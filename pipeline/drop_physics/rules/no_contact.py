@@ -72,6 +72,15 @@ def _(
 
 
 BITS = Remedy("contype", given={"links": "links"})
+BITS_APART = SayingRow(
+    why=Message(
+        "contype {type_one} and conaffinity {with_one} of {one} have no bit in common with "
+        "conaffinity {with_two} and contype {type_two} of {two}"
+    ),
+    cure=BITS,
+    reason="filter",
+    engines=MUJOCOS,
+)
 no_contact.rows(
     SayingRow(
         when=lambda cause: cause == "flag",
@@ -88,15 +97,13 @@ no_contact.rows(
         engines=MUJOCOS,
     ),
     SayingRow(
-        when=lambda cause: cause == "bits",
-        why=Message(
-            "contype {type_one} and conaffinity {with_one} of {one} have no bit in common with "
-            "conaffinity {with_two} and contype {type_two} of {two}"
+        # What meets nothing at all is to be looked through.
+        when=lambda cause, type_one, with_one, type_two, with_two: (
+            cause == "bits" and not ((type_one or with_one) and (type_two or with_two))
         ),
-        cure=BITS,
-        reason="filter",
-        engines=MUJOCOS,
-    ),
+        level="note",
+    ).like(BITS_APART),
+    SayingRow(when=lambda cause: cause == "bits").like(BITS_APART),
     SayingRow(
         when=lambda cause: cause == "parent-and-child",
         why=Message("{one} is the parent of {two}, and parent and child do not collide"),

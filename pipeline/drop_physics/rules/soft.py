@@ -158,6 +158,7 @@ sinks_in.rows(
         ),
         advice=Message("{call} of both <geom>s, or of the <pair> of them"),
         cure=Remedy("solref", "body"),
+        level="note",  # the model gives this softness
     ),
     SayingRow(
         when=lambda stiffens: stiffens,

@@ -169,6 +169,7 @@ tunnelled.rows(
     SayingRow(
         when=lambda shapeless, engine: shapeless and engine == MUJOCO,
         advice=Message('contype="1" conaffinity="1" of one of its <geom>s'),
+        level="note",  # its model says so
     ).like(SHAPELESS),
     SayingRow(
         when=lambda shapeless: shapeless,
