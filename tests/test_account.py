@@ -490,6 +490,38 @@ def test_a_use_of_an_array_to_another_effect_is_told_with_its_line(
         )
 
 
+EDITED = """
+import mujoco
+model = mujoco.MjModel.from_xml_string('''<mujoco><worldbody>
+<body name="ball" pos="0 0 1"><joint name="up" type="slide"/><geom name="shell" size="0.1"/></body>
+</worldbody><actuator><position name="servo" joint="up" kp="10"/></actuator></mujoco>''')
+{edit}
+data = mujoco.MjData(model)
+mujoco.mj_step(model, data, 20)
+"""
+EDITS = (
+    ("model.geom('shell').size[:] = 0.2", "geom_size of shell is changed from 0.1 to 0.2"),
+    ("model.actuator_gainprm[:, 0] = 40", "actuator_gainprm of servo is changed from 10 to 40"),
+    ("model.actuator_gainprm[:, 0] = 40; model.actuator_biasprm[:, 1] = -40", None),
+    ("model.geom_rgba[:] = 1", None),
+)
+"""Edits of a model before its first step; those that leave out something that belongs to them."""
+
+
+@pytest.mark.parametrize(("edit", "said"), some(EDITS, 2))
+def test_an_edit_before_the_first_step_is_told_with_what_it_leaves_out(
+    tmp_path: Path, edit: str, said: str | None
+) -> None:
+    (tmp_path / "script.py").write_text(EDITED.format(edit=edit))
+    recorded = record_script(str(tmp_path / "script.py"), out=tmp_path / "script.rrd")
+    rows = analyze(recorded.recording).account
+    told = [str(row.told) for row in rows if row.site and "script" in row.site]
+    assert len(told) == (said is not None), told
+    if said is not None:
+        assert said in told[0]
+        assert ("geom_rbound, body_mass, body_inertia" in told[0]) == ("shell" in said)
+
+
 SWING = """<body name="upper" pos="0 0 2"><joint name="shoulder" axis="0 1 0"/>
 <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.02" mass="2"/>{site}
 <body name="lower" pos="0.4 0 0"><joint name="elbow" axis="0.6 0.8 0" damping="0.3"/>

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from drop_physics.account.rows import AccountRow, Kind
-from drop_physics.messages import Message
+from drop_physics.messages import Message, joined
 from drop_physics.quantities import number, quantity
 from drop_physics.trace.events import ArrayUse, located
 from drop_physics.trace.history import Seen
@@ -37,6 +37,8 @@ def array_use_rows(seen: Seen) -> Iterator[AccountRow]:
                 name=use.name,
                 count=use.count,
             )
+        elif use.use == "edited":
+            kind, told = "set", _edited(use)
         else:
             kind, told = "given", _left(use, seen)
         yield AccountRow(
@@ -74,3 +76,29 @@ def _left(use: ArrayUse, seen: Seen) -> Message:
         last=use.last_step,
         steps=steps,
     )
+
+
+def _edited(use: ArrayUse) -> Message:
+    """Describe which fields of a model did not follow one that the script changed."""
+    told = Message(
+        "{name} of {element} is changed from {old} to {new} before the first step, which is made "
+        "here; {others} belong to it, and are still as compiled",
+        name=use.name,
+        element=use.element,
+        old=number(use.old),
+        new=number(use.size),
+        others=joined(", ", use.others),
+    )
+    if len(use.others) == 1:
+        told = Message(
+            "{name} of {element} is changed from {old} to {new} before the first step, which is "
+            "made here; {other} belongs to it, and is still as compiled",
+            name=use.name,
+            element=use.element,
+            old=number(use.old),
+            new=number(use.size),
+            other=use.others[0],
+        )
+    if use.count > 1:
+        told = told + Message("; {more:,} more elements likewise", more=use.count - 1)
+    return told

@@ -711,23 +711,28 @@ class ArrayUse:
     """`kept`: a reference to the array is kept, which shows its later values; `stale`: the array is
     read after positions were written, and before it is computed from them; `overwritten`: the array
     is written, and computed anew before it has an effect; `left`: a force is written again and
-    again, and then left where it is."""
+    again, and then left where it is; `edited`: a field of the model is changed before the first
+    step, and what depends on it is not."""
     name: str
-    """Name of the array: `qpos`, `site_xpos` …"""
+    """Name of the array or the field: `qpos`, `site_xpos`, `geom_size` …"""
     file: str
     """File of the line, without this machine's folders."""
     line: int
     """Line number, from 1."""
     count: int
     """Number of steps, or of readings, in which the line did so at least; of steps before which a
-    force was used."""
+    force was used; or of elements that were changed."""
     last_step: int
     """Number of steps before the last of these uses that was reported."""
     size: float = 0.0
     """Difference between what was read and what is computed next; magnitude of a force that is
-    left."""
+    left; or new value of an element that was changed."""
     element: str = ""
-    """Name of the body, site or other element that was read; empty if it is unknown."""
+    """Name of the body, site or other element that was read or changed; empty if it is unknown."""
+    old: float = 0.0
+    """The value of an element before it was changed."""
+    others: tuple[str, ...] = ()
+    """The fields that depend on an element that was changed, and are as they were."""
 
 
 @dataclass(frozen=True)

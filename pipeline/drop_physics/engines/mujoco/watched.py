@@ -327,6 +327,8 @@ class MujocoDecoder:
                 last,
                 told.get("size", 0.0),
                 told.get("element", ""),
+                told.get("old", 0.0),
+                tuple(told.get("others", ())),
             )
 
     def explained(self, python: str) -> Iterator[Event]:

@@ -24,7 +24,7 @@ from ...watching.single_changes import Change
 from ...watching.sites import caller
 from ..frames import CALLBACKS, CAUSES, READS, STEPS, note_bytes
 from ..memory import layout_of_options
-from . import array_uses, pictures, uncaught, unfilled
+from . import array_uses, compiled, pictures, uncaught, unfilled
 from .array_uses import ArrayUses
 from .followed import WatchedData, WatchedModel
 from .intervene import ModelChanges
@@ -97,6 +97,8 @@ class MujocoWatch(EngineWatch):
         """The script's own callbacks, by name."""
         self.uses: dict[int, ArrayUses] = {}
         """The uses of each MjData's arrays, by its `id`."""
+        self.compiled: dict[int, compiled.CompiledModel] = {}
+        """The fields of models as they were compiled, by the `id` of the MjModel, until a step."""
         self.owners: dict[int, ArrayUses] = {}
         """The same for the views of elements, by their `id`."""
         self.only_read: dict[tuple[int, int], int] = {}
@@ -181,6 +183,7 @@ class MujocoWatch(EngineWatch):
                 layout_of_options()  # here once, and not in each trial that forks
         unfilled.install(module, self.host.on_removal)
         array_uses.install(self, module)
+        compiled.install(self, module)
         self.tell("mujoco", version=module.__version__, python=sys.version.split()[0])
         self.host.on_import("mujoco.viewer", self._on_viewer)
         for name in uncaught.IMPORTED:
@@ -260,6 +263,12 @@ class MujocoWatch(EngineWatch):
         if uses is None or uses.ref() is not d:
             uses = self.uses[id(d)] = ArrayUses(self, d)
         return uses
+
+    def tell_compiled(self, m: Any, state: WatchedData, site: int) -> None:
+        """Report at the first step with a model what was changed in it since it was compiled."""
+        found = self.compiled.pop(id(m), None)
+        if found is not None and found.ref() is m:
+            found.tell_edits(self, state.number, site)
 
     # -- states -----------------------------------------------------------------------------------
 
@@ -426,6 +435,8 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
                         state.before(d, site)
                         if state.uses.got:
                             state.uses.before(computes=not number)
+                        if watch.compiled:
+                            watch.tell_compiled(m, state, site)
                     if number:
                         function = number | state.staleness(everything=number > 1)
                     if callbacks:
