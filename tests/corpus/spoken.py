@@ -16,9 +16,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a program, it finds the tests' modules
 
 import attacks
-from drop_physics.rules.answer import Scene
+from drop_physics.rules.answer import Finding, Scene
 from drop_physics.rules.every import RULES
-from drop_physics.rules.rows import Case, Said, SayingRow
+from drop_physics.rules.rows import Case, SayingRow
 from drop_physics.workers import cores
 from score import FOLDER, findings_of, truths
 
@@ -38,18 +38,18 @@ def row_names(*, engines: tuple[str, ...] | None = None) -> dict[str, SayingRow]
 @contextmanager
 def spoken() -> Iterator[list[SayingRow]]:
     """Collect the rows that are reported inside the block."""
-    rows, say = list[SayingRow](), SayingRow.said
+    rows, say = list[SayingRow](), SayingRow.finding
 
-    def said(row: SayingRow, case: Case, scene: Scene) -> Said | None:
-        found = say(row, case, scene)
+    def said(row: SayingRow, case: Case, scene: Scene, plain: Finding) -> Finding | None:
+        found = say(row, case, scene, plain)
         rows.extend([] if found is None else [row])
         return found
 
-    SayingRow.said = said  # type: ignore[method-assign]
+    SayingRow.finding = said  # type: ignore[method-assign]
     try:
         yield rows
     finally:
-        SayingRow.said = say  # type: ignore[method-assign]
+        SayingRow.finding = say  # type: ignore[method-assign]
 
 
 def spoken_by(corpus: Path | None, name: str) -> set[str]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,12 +20,24 @@ from drop_physics.drop.landing import restitution_threshold_m_s
 from drop_physics.drop.posture import extent_m, tilt_rad
 from drop_physics.fields import counted, decimals, fraction
 from drop_physics.messages import Message, joined
-from drop_physics.rules.answer import Cure, Effect, Finding, Scene, Span
+from drop_physics.rules.answer import Cure, Effect, Finding, Span
 from drop_physics.rules.codes import Level
 from drop_physics.rules.every import RULES as SCRIPT_RULES
-from drop_physics.rules.rows import Said
 from drop_physics.rules.rule import Rule
 from drop_physics.trace.states import BODY_LABEL
+
+
+@dataclass(frozen=True, kw_only=True)
+class Said:
+    """What a rule says about a drop."""
+
+    message: Message
+    advice: Message | None = None
+    cure: Cure | None = None
+    effect: Effect | None = None
+    share: float = 0.0
+    steps: Span | None = None
+
 
 Says = Callable[[Fall], Iterator[Said]]
 
@@ -55,11 +67,11 @@ def drop_rule(code: str, level: Level) -> Callable[[Says], Rule]:
     return made
 
 
-def findings(fall: Fall, scene: Scene) -> list[Finding]:
+def findings(fall: Fall) -> list[Finding]:
     """Return the findings about a drop, the most serious first."""
     left_out = () if fall.mismatch_step is None else NEEDS_LAW
     found = [
-        rule.finding_of(said, scene)
+        Finding(code=rule.code, level=rule.level, proof=rule.proof, **vars(said))
         for rule in RULES
         if rule.code not in left_out and (said := next(rule.matches(fall), None))
     ]
@@ -249,8 +261,7 @@ def default_damping(fall: Fall) -> Iterator[Said]:
     lengths_m = {"moved": moved_m, "error": moment.error_m, "limit": limit_m}
     lengths = {name: decimals(each * 1e3, 2, "+") for name, each in lengths_m.items()}
     said = Said(
-        message=seen,
-        values={"time": moment.time_s, **lengths},
+        message=Message(seen.template, time=moment.time_s, **lengths),
         advice=Message("call p.changeDynamics(body, -1, linearDamping=0), i.e. --linear-damping 0"),
         cure=Cure("damping", BODY_LABEL, 0.0, call="--linear-damping 0"),
     )

@@ -79,7 +79,7 @@ def drop_analysis_of(
         "origin": None,
         "kind": "drop",
         "segments": body.segments,
-        "findings": findings(replace(fall, mismatch_step=_mismatch_step(fall, body)), story.scene),
+        "findings": findings(replace(fall, mismatch_step=_mismatch_step(fall, body))),
         "flights": body.flights,
         "explained": _explained(walked.by_body[BODY], body, case),
     }

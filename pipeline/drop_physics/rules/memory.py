@@ -54,7 +54,6 @@ def force_stays(inputs: Inputs, seen: Seen) -> Iterator[Case]:
             subject=body,
             span=Span(first, first + acts - 1, acts),
             values={
-                "label": body.label,
                 "joint": joint,
                 "body": joint or body.label,
                 "push": effort(push or math.hypot(*force.most), unit),

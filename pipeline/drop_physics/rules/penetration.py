@@ -106,6 +106,8 @@ def _(
     over = share > OVER_HALF and not constraints
     level = "broken" if stays and over else "note" if ends and not over else None
     moves = carried > (last - first) / 2
+    if moves and not any(use.body in both for use in inputs.of(Act.SET_POSE)):
+        return None  # what calls do with a joint is `overwritten`
     # A call makes this motion; and bodies without mass move only where calls put them.
     pushes = moves and not all(each.base_moves for each in both)
     if (stiffness or pushes) and not over:
@@ -118,8 +120,6 @@ def _(
         "half": max(least, OVER_HALF),
         "level": level,
         "moves": moves,
-        # A joint's is `overwritten`.
-        "posed": any(use.body in both for use in inputs.of(Act.SET_POSE)),
         "lasts": lasts,
         "grows": lasts and size > 2 * began,
         "ends": ends,
@@ -132,15 +132,13 @@ def _(
 
 
 MORE = Remedy("solver", value=500.0)
-CARRIED = SayingRow(
-    why=Message("a call moves one of them in each step, and it has no velocity"), proposed=True
-)
 deep_penetration.rows(
     SayingRow(
-        when=lambda moves, posed: moves and posed,
+        when=lambda moves: moves,
+        why=Message("a call moves one of them in each step, and it has no velocity"),
         cure=Remedy("support-velocity", bodies=("body", "other")),
-    ).like(CARRIED),
-    SayingRow(when=lambda moves: moves).like(CARRIED),
+        proposed=True,
+    ),
     SayingRow(
         when=lambda grows, pulled: grows and pulled,
         why=Message(

@@ -30,7 +30,7 @@ from typing import Any
 from drop_physics.account.rows import AccountRow
 from drop_physics.messages import Message
 from drop_physics.quantities import KINDS, Written
-from drop_physics.rules.answer import SCENE_TABLES, Cure, Effect, Scene, Span, so_many
+from drop_physics.rules.answer import SCENE_TABLES, Cure, Effect, Finding, Scene, Span, so_many
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.codes import Level
@@ -42,48 +42,6 @@ from drop_physics.trace.events import Body
 
 Noted = dict[str, object]
 """Further numbers and texts about a rule's worst match, by name."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Said:
-    """The message of a rule about its worst match.
-
-    Placeholders in a text are filled from `values`, or from the `Worst`; `{call}` is the cure as a
-    user of the engine would write it.
-    """
-
-    message: Message
-    values: Mapping[str, object] = field(default_factory=dict)
-    """Further values to fill into the texts."""
-    cure: Cure | None = None
-    """The change that would fix the problem, as an intervention that can be tried."""
-    advice: Message | None = None
-    """The advice, if the cure's call alone does not suffice."""
-    proposed: bool | None = None
-    """Whether the advice is only a proposal; None to use the rule's own setting."""
-    effect: Effect | None = None
-    share: float | None = None
-    """The ratio of the effect to its normal size; None to use the size."""
-    reason: str | None = None
-    other: str | None = None
-    level: Level | None = None
-    """The level, if it differs from the rule's."""
-    code: str | None = None
-    """The code, if it differs from the rule's."""
-    steps: Span | None = None
-    """The steps of the finding, if they differ from those in which the rule holds."""
-    site: str | None = None
-    """File and line, if the rule does not name an argument or call as the cause."""
-    subject: Body | None = None
-    joint: str | None = None
-
-    @property
-    def body(self) -> str | None:
-        """The name of the body."""
-        return None if self.subject is None else self.subject.label
-
-    def __getitem__(self, name: str) -> Any:  # noqa: ANN401
-        return {"unit": "m", "effort": "N"}.get(name) or getattr(self, name)
 
 
 @dataclass(kw_only=True)
@@ -105,7 +63,7 @@ class Case:
     """The scene, whose tables the rule's functions may also name as parameters."""
 
     def __post_init__(self) -> None:
-        about = {"body": None if self.subject is None else self.subject.label, "size": 0.0}
+        about = {"body": self.label, "size": 0.0}
         self.values = (
             {"unit": "m", "effort": "N", "joint": None, "other": None} | about | self.values
         )
@@ -116,6 +74,11 @@ class Case:
         if name in self.values:
             return self.values[name]
         return getattr(self.scene if name in SCENE_TABLES else self, name)
+
+    @property
+    def label(self) -> str | None:
+        """The name of the body that the match is about."""
+        return None if self.subject is None else self.subject.label
 
     @staticmethod
     def of_row(row: AccountRow) -> Case:
@@ -267,8 +230,8 @@ class SayingRow:
         left = (each.name for each in fields(self) if getattr(self, each.name) is None)
         return replace(self, **{name: getattr(row, name) for name in left})
 
-    def said(self, case: Case, scene: Scene) -> Said | None:
-        """Return the message about a case, with its suggested change."""
+    def finding(self, case: Case, scene: Scene, plain: Finding) -> Finding | None:
+        """Return the finding about a case; `plain` has what the rule says of all its findings."""
         noted, effect = case.values, None
         share = case["size"] if self.share is None else self.share
         share = case[share] if isinstance(share, str) else share
@@ -279,29 +242,38 @@ class SayingRow:
                 share = size / (case[self.normal] if isinstance(self.normal, str) else self.normal)
         if self.least is not None and not share > case[self.least]:
             return None
+        cure = (self.cure and self.cure.of(case)) or noted.get("cure")
+        if cure is not None:
+            cure = replace(cure, call=cure.call or scene.call_of(cure))
+            noted["call"] = cure.call
+        if self.why is not None:
+            noted["why"] = self.why
+        advice = self.advice or noted.get("advice") or (cure and cure.call)
+        proposed = noted.get("proposed") if self.proposed is None else self.proposed
+        proposed = plain.proposed if proposed is None else proposed
         site = self.site
-        return Said(
-            message=self.says or noted["says"],
-            values={} if self.why is None else {"why": self.why},
-            cure=(self.cure and self.cure.of(case)) or noted.get("cure"),
-            advice=self.advice or noted.get("advice"),
-            proposed=noted.get("proposed") if self.proposed is None else self.proposed,
-            effect=effect,
-            share=share,
-            reason=self.reason or noted.get("reason"),
-            level=self.level or noted.get("level"),
-            code=self.code,
-            steps=case.held(),
-            subject=case.subject,
+        return replace(
+            plain,
+            code=self.code or plain.code,
+            level=self.level or noted.get("level") or plain.level,
+            reason=self.reason or noted.get("reason") or plain.reason,
+            message=filled(self.says or noted["says"], case),
+            advice=filled(advice, case) if advice else None,
+            proposed=proposed,
+            proof="none" if proposed else plain.proof,
+            cure=cure,
             joint=noted["joint"],
             other=noted["other"],
+            effect=effect,
+            share=float(share or 0.0),
+            steps=case.held(),
             site=(scene.only_site(site) if isinstance(site, Act) else site and case[site])
             or case.site,
         )
 
 
-def filled(text: str, values: Mapping[str, object], about: Case | Said) -> str:
-    """Fill in a text's placeholders with values, or with values of the case.
+def filled(text: str, case: Case) -> str:
+    """Fill in a text's placeholders with values of the case.
 
     Numbers are formatted by their kind; texts among the values are filled in the same way.
     """
@@ -310,8 +282,8 @@ def filled(text: str, values: Mapping[str, object], about: Case | Said) -> str:
     held: dict[str, Any] = {}
     for _, name, kind, _ in Formatter().parse(text.template):
         if name:
-            value: Any = values[name] if name in values else about[name]
+            value = case[name]
             if kind and kind in KINDS:
-                value = Written(KINDS[kind](value, about["unit"], about["effort"]))
-            held[name] = filled(value, values, about) if isinstance(value, str) else value
+                value = Written(KINDS[kind](value, case["unit"], case["effort"]))
+            held[name] = filled(value, case) if isinstance(value, str) else value
     return Message(text.template, **held)

@@ -40,7 +40,7 @@ from drop_physics.rules.codes import Level
 from drop_physics.rules.earlier import EarlierRows
 from drop_physics.rules.engines import BULLETS, engine_of
 from drop_physics.rules.joint import link_of, units
-from drop_physics.rules.rows import Case, Noted, Said, SayingRow, Worst, filled
+from drop_physics.rules.rows import Case, Noted, SayingRow, Worst
 from drop_physics.rules.runs import Kind, Runs
 from drop_physics.rules.tables import TABLES, RuleTable, TableName, tables
 from drop_physics.rules.thresholds import MINOR
@@ -242,44 +242,26 @@ class Rule:
             return None
         case.values |= noted
         row = next((row for row in self.told if self._holds(row, case, scene)), None)
-        said = None if row is None else row.said(case, scene)
-        if row is None or said is None:
+        plain = Finding(
+            code=self.code,
+            level=self.level,
+            reason=self.reason,
+            message="",
+            proposed=self.proposes,
+            proof=self.proof,
+            body=None if self.subject == 0 else case.label,
+        )
+        found = None if row is None else row.finding(case, scene, plain)
+        if row is None or found is None:
             return None
         # Rows of one sentence, which differ in their causes, are of one kind.
         place = next(k for k, each in enumerate(self.told) if each.says is row.says)
-        kind = self.matches.__name__, place, noted.get("kind")
-        return replace(self.finding_of(said, scene, case), kind=kind)
+        return replace(found, kind=(self.matches.__name__, place, noted.get("kind")))
 
     def _holds(self, row: SayingRow, case: Case, scene: Scene) -> object:
         if engine_of(scene.seen) not in (row.engines or self.engines):
             return False
         return row.when is None or called(row.when, case)
-
-    def finding_of(self, said: Said, scene: Scene, case: Case | None = None) -> Finding:
-        """Convert a message to a finding: fill in its texts, write the suggested call."""
-        cure, values, about = said.cure, said.values, case or said
-        if cure is not None:
-            cure = replace(cure, call=cure.call or scene.call_of(cure))
-            values = {**values, "call": cure.call}
-        advice = said.advice or (cure and cure.call)
-        proposed = self.proposes if said.proposed is None else said.proposed
-        return Finding(
-            code=said.code or self.code,
-            level=said.level or self.level,
-            reason=said.reason or self.reason,
-            message=filled(said.message, values, about),
-            advice=filled(advice, values, about) if advice else None,
-            proposed=proposed,
-            proof="none" if proposed else self.proof,
-            cure=cure,
-            body=None if self.subject == 0 else said.body,
-            joint=said.joint,
-            other=said.other,
-            effect=said.effect,
-            share=float(said.share or 0.0),
-            steps=said.steps,
-            site=said.site,
-        )
 
 
 PARTS = "joints", "targets", "actuators"
