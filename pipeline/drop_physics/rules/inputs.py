@@ -19,7 +19,7 @@ from drop_physics.rules.chunk import StepChunk
 from drop_physics.rules.episodes import Episodes
 from drop_physics.rules.ik_answers import SentAnswers
 from drop_physics.rules.lasting import Lasting
-from drop_physics.rules.thresholds import DEEP_M, EACH_STEP
+from drop_physics.rules.thresholds import EACH_STEP
 from drop_physics.trace.acts import FILTERS, PUSHES, Act
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import At, Body, Dynamics, Site
@@ -217,11 +217,6 @@ class Inputs:
     """Bodies attached by a constraint."""
     filtered: set[int] = field(default_factory=set)
     """Simulations in which calls set collision groups, or re-enable collisions between bodies."""
-    deepest: defaultdict[int, dict[int, tuple[float, int]]] = field(
-        default_factory=lambda: defaultdict(dict)
-    )
-    """The steps in which bodies that calls place are deep inside others, by body id: the depth [m],
-    and the link."""
     lasting: Lasting = field(default_factory=Lasting)
     overridden: dict[tuple[int, int, int], tuple[Site, Site, set[int]]] = field(
         default_factory=dict
@@ -276,23 +271,10 @@ class Inputs:
                     motion.last_m = end.copy()
         self._links(chunk)
         self._torques(chunk)
-        pairs, placed = chunk.pairs, self._bodies_of(Act.SET_POSE, Act.SET_JOINT)
+        pairs = chunk.pairs
         for first, second, rows in pairs.by_pair(pairs.normal_n > 0):
             key = first, second
             self.touched[key] = self.touched.get(key, 0) + len(rows)
-        points = pairs.points
-        for number in placed & pairs.of_body.keys():
-            its = pairs.of_body[number]
-            its = its[(points.distance_m[its] < -DEEP_M) & (pairs.normal_n[pairs.row[its]] > 0)]
-            links = points.link[its, (points.body[its, 1] == number).astype(int)]
-            told = np.column_stack([points.step[its], -points.distance_m[its], links]).tolist()
-            deepest = self.deepest[number]
-            for step, depth_m, link in told:
-                deepest[int(step)] = max(deepest.get(int(step), (0.0, 0)), (depth_m, int(link)))
-
-    def _bodies_of(self, *acts: Act) -> set[int]:
-        """Return the ids of the bodies that calls of the given kinds have named so far."""
-        return {use.body.number for use in self.of(*acts) if use.body is not None}
 
     def _override(self, calls: Log) -> None:
         """Note the motors that get two different commands before the same step.

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from drop_physics.arrays import Flags, Float64, Int64
+from drop_physics.arrays import Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
@@ -16,7 +16,7 @@ from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.placing import Placing
 from drop_physics.rules.rows import Case, Noted, Remedy, SayingRow
-from drop_physics.rules.rule import Match, body_rule, input_rule, pair_rule
+from drop_physics.rules.rule import Match, body_rule, input_rule, side_rule
 from drop_physics.rules.tables import BodyColumns, PairColumns
 from drop_physics.rules.thresholds import (
     COASTS_STEPS,
@@ -35,19 +35,19 @@ from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
 
 
-@pair_rule("overwritten", "asked", reason="pose-set-each-step", engines=MUJOCOS)
-def pose_set_in_contact(pair: PairColumns, placing: Placing) -> Match:
+@side_rule(
+    "overwritten",
+    "asked",
+    reason="pose-set-each-step",
+    least_count=OVERLAPS_STEPS,
+    subject=1,
+    engines=ANY,
+)
+def pose_set_each_step(pair: PairColumns, placing: Placing) -> Match:
     """A pose set in every step exerts no force: the body passes through obstacles."""
-    posed = _posed(pair, placing)
-    deep = posed & (pair.pairs.normal_n > 0) & (pair.pairs.depth_m > DEEP_M)
-    return Match(posed, np.where(deep, pair.pairs.depth_m, 0.0), sums={"deep": deep * 1})
-
-
-def _posed(pair: PairColumns, placing: Placing) -> Flags:
-    """Flag the rows in which a call set a body's pose, not only its velocity."""
-    rows = np.flatnonzero(placing.moved(pair.body, pair.step))
-    posed = np.zeros(len(pair.step), np.bool_)
-    for steps, its, at in pair.of_bodies(rows):
+    posed, depth_m = placing.moved(pair.body, pair.step), pair.pairs.depth_m
+    rows = np.flatnonzero(posed)
+    for steps, its, at in pair.of_bodies(rows):  # of what can move, also by a velocity
         last = (at - 1).clip(0)
         follows = steps.steps[at] - steps.steps[last] == 1
         before, after = steps.before.at(at), steps.after.at(last)
@@ -56,27 +56,90 @@ def _posed(pair: PairColumns, placing: Placing) -> Flags:
             for name in ("position_m", "orientation", "joints")
         ]
         posed[rows[its]] = follows & np.any(other, axis=0)
-    return posed
+    deep = posed & (pair.pairs.normal_n > 0) & (depth_m > DEEP_M)
+    return Match(
+        posed,
+        np.where(deep, depth_m, 0.0),
+        {"on": pair.other, "link": pair.links[:, pair.side]},
+        sums={"posed": posed * 1},
+        counts=deep.astype(np.int64),
+    )
 
 
-@pose_set_in_contact.counts
-def _(count: Int64, last: Int64, first: Int64, deep: Float64, size: Float64) -> Float64:
-    often = count >= HALF_THE_STEPS * (last - first + 1)
-    return np.where(often & (deep >= OVERLAPS_STEPS), size, 0.0)
+@pose_set_each_step.counts
+def _(posed: Float64, last: Int64, first: Int64, size: Float64) -> Float64:
+    return np.where(posed >= HALF_THE_STEPS * (last - first + 1), size, 0.0)
 
 
-pose_set_in_contact.rows(
+@pose_set_each_step.notes
+def _(inputs: Inputs, seen: Seen, subject: Body, engine: str, on: int, link: int) -> Noted | None:
+    other = seen.bodies[on].label
+    if engine == MUJOCO:  # one that cannot move is a mocap body
+        return {"by_qpos": True, "other": other} if subject.moving else None
+    fast = set[int]()
+    for use in inputs.of(Act.SET_VELOCITY):
+        if use.body is subject and any(map(np.any, (*use.low.values(), *use.high.values()))):
+            fast |= use.steps
+    for use in inputs.of(Act.SET_JOINT, Act.SET_POSE):
+        number = int(use.first.values.get("jointIndex", (BASE,))[0])
+        if use.body is not subject or number not in (BASE, *_branch(subject, link)):
+            continue
+        made = seen.steps_of(subject.client) - use.first.at.step
+        # What stays in its place goes through nothing, nor what has the velocity of its way.
+        stays = use.constant("posObj") and use.constant("ornObj")
+        if len(use.steps) < HALF_THE_STEPS * max(made, 1) or stays or fast & use.steps:
+            continue
+        by_joint = use.first.act is Act.SET_JOINT and number >= 0
+        joint = subject.joints[number].name if by_joint else None
+        return {
+            "by_qpos": False,
+            "other": other,
+            "joint": joint,
+            "what": joint or subject.label,
+            "function": use.first.function,
+            "times": len(use.steps),
+            "called": site_of(use.first),
+        }
+    return None
+
+
+BY_CALL = SayingRow(
+    says=Message(
+        "{what} is set by p.{function} in {times:,} steps, and gets {size:mm} into what it meets: "
+        "a pose that is set has no force"
+    ),
+    site="called",
+)
+POSED = SayingRow(cure=Remedy("support-velocity", bodies=("body",)), proposed=True).like(BY_CALL)
+pose_set_each_step.rows(
     SayingRow(
+        when=lambda by_qpos: by_qpos,
         says=Message(
-            "{body} is set by qpos in {steps} in which it touches {other}, and gets {size:mm} "
-            "into it: a pose that is set has no force"
+            "{body} is set by qpos in {posed:,.0f} steps in which it touches {other}, and gets "
+            "{size:mm} into it: a pose that is set has no force"
         ),
         advice=Message("move it by an actuator, or by a mocap body that it is welded to"),
-        effect="size",
-        normal=DEEP_M,
         site=Act.SET_STATE,
-    )
+    ),
+    SayingRow(when=lambda joint: joint, cure=Remedy("without", "what", form="driven")).like(
+        BY_CALL
+    ),
+    # What it presses onto something else stays in the way of any velocity, too.
+    SayingRow(
+        when=lambda subject: subject.base_moves,
+        advice=Message("move it by a force, a velocity, or a constraint"),
+    ).like(POSED),
+    # A body without mass moves only where calls put it, and pushes others by its overlap.
+    SayingRow(
+        advice=Message("{call}, or give it a mass and move it by a constraint"), level="note"
+    ).like(POSED),
+    like=SayingRow(effect="size", normal=DEEP_M),
 )
+
+
+def _branch(body: Body, link: int) -> tuple[int, ...]:
+    """Return the links from a given link down to the base."""
+    return () if link < 0 else (link, *_branch(body, body.joints[link].parent))
 
 
 @body_rule(
@@ -219,83 +282,6 @@ command_overwritten.rows(
     ),
     like=SayingRow(share="part"),
 )
-
-
-@input_rule("overwritten", "asked", "pose-set-each-step")
-def pose_set_each_step(inputs: Inputs, seen: Seen) -> Iterator[Case]:
-    """A pose set in every step exerts no force: the body passes through obstacles."""
-    carried = [
-        use
-        for use in inputs.of(Act.SET_VELOCITY)
-        if any(np.any(each) for each in (*use.low.values(), *use.high.values()))
-    ]
-    for use in inputs.of(Act.SET_JOINT, Act.SET_POSE):
-        call, body = use.first, use.body
-        made = seen.steps_of(call.client) - call.at.step
-        if body is None or len(use.steps) < HALF_THE_STEPS * max(made, 1):
-            continue
-        # What stays in its place goes through nothing, nor what has the velocity of its way.
-        stays = use.constant("posObj") and use.constant("ornObj")
-        if stays or any(
-            each.body and each.body.number == body.number and each.steps & use.steps
-            for each in carried
-        ):
-            continue
-        number = int(call.values.get("jointIndex", (BASE,))[0])
-        deep = {
-            step: depth_m
-            for step, (depth_m, link) in inputs.deepest[body.number].items()
-            if step - 1 in use.steps and number in (BASE, *_branch(body, link))
-        }
-        if len(deep) < OVERLAPS_STEPS:
-            continue
-        most = max(deep.values())
-        by_joint = call.act is Act.SET_JOINT
-        joint = body.joints[number].name if by_joint and number >= 0 else None
-        yield Case(
-            call=call,
-            subject=body,
-            span=Span(min(deep), max(deep), len(deep)),
-            values={
-                "joint": joint,
-                "by_joint": by_joint,
-                "what": joint or body.label,
-                "function": call.function,
-                "count": len(use.steps),
-                "deep": most * 1e3,
-                "most": most,
-            },
-        )
-
-
-POSED = SayingRow(cure=Remedy("support-velocity", bodies=("body",)), proposed=True)
-
-
-pose_set_each_step.rows(
-    SayingRow(when=lambda by_joint: by_joint, cure=Remedy("without", "what", form="driven")),
-    # What it presses onto something else stays in the way of any velocity, too.
-    SayingRow(
-        when=lambda subject: subject.base_moves,
-        advice=Message("move it by a force, a velocity, or a constraint"),
-    ).like(POSED),
-    # A body without mass moves only where calls put it, and pushes others by its overlap.
-    SayingRow(
-        advice=Message("{call}, or give it a mass and move it by a constraint"), level="note"
-    ).like(POSED),
-    like=SayingRow(
-        says=Message(
-            "{what} is set by p.{function} in {count:,} steps, and gets {deep:.3g} mm into "
-            "what it meets: a pose that is set has no force"
-        ),
-        effect="most",
-        normal=DEEP_M,
-    ),
-)
-
-
-def _branch(body: Body, link: int) -> tuple[int, ...]:
-    """Return the links from a given link down to the base."""
-    return () if link < 0 else (link, *_branch(body, body.joints[link].parent))
 
 
 @input_rule("overwritten", "asked", "drive-lags")
