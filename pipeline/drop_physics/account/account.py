@@ -81,11 +81,7 @@ class Account:
         touches: TouchTable,
         actuators: ActuatorTable,
     ) -> None:
-        freedoms = sum(
-            6 * body.base_moves + sum(joint.widths[1] for joint in body.joints)
-            for body in seen.bodies.values()
-            if not body.soft
-        )
+        freedoms = sum(body.freedoms for body in seen.bodies.values() if not body.soft)
         self._seen, self._bins = seen, bins_for(freedoms)
         self._joints, self._touches, self._actuators = joints, touches, actuators
         self._words = RowWords(Names(seen.bodies, seen.dynamics), times)

@@ -70,17 +70,11 @@ def engine_reset_rows(subject: MeasuredBody, seen: Seen, words: RowWords) -> Ite
 def _rate_of(subject: MeasuredBody, seen: Seen, index: int) -> int | None:
     """Return the index in a body's generalised velocity of an engine's degree of freedom.
 
-    None if the degree of freedom belongs to another body. In the engine, a free base has three
-    linear velocities first and then three angular ones; in u the angular ones come first.
+    None if the degree of freedom belongs to another body. In u the angular velocity of a free base
+    comes first.
     """
-    for body in seen.bodies.values():
-        if body.client != subject.body.client:
-            continue
-        base = BASE_RATES if body.base_moves else 0
-        size = base + sum(joint.widths[1] for joint in body.joints)
-        if index < size:
-            if body.number != subject.body.number:
-                return None
-            return index if index >= base else (index + base // 2) % base
-        index -= size
-    return None
+    body, at = seen.freedom(subject.body.client, index) or (None, 0)
+    if body is None or body.number != subject.body.number:
+        return None
+    base = BASE_RATES if body.base_moves else 0
+    return at if at >= base else (at + base // 2) % base

@@ -84,11 +84,7 @@ class _Extremes:
 
 
 def _freedoms(seen: Seen, client: int) -> int:
-    return sum(
-        6 * body.base_moves + sum(joint.widths[1] for joint in body.joints)
-        for body in seen.bodies.values()
-        if body.client == client
-    )
+    return sum(body.freedoms for body in seen.bodies.values() if body.client == client)
 
 
 def _velocities(seen: Seen, piece: Piece, client: int) -> tuple[Int64, Float64]:

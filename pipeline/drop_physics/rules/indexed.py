@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from drop_physics.rules.joint import link_of
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
 
@@ -22,16 +23,14 @@ def body_at(seen: Seen, client: int, index: int) -> Body | None:
 
 def rate_at(seen: Seen, client: int, index: int) -> tuple[Body, str | None, str] | None:
     """Return body, joint (None for the base) and joint type for an engine's dof index."""
-    for body in bodies_of(seen, client):
-        if body.base_moves:
-            if index < 6:
-                return body, None, "prismatic" if index < 3 else "revolute"
-            index -= 6
-        for joint in body.joints:
-            if index < joint.widths[1]:
-                return body, joint.name, joint.kind
-            index -= joint.widths[1]
-    return None
+    body, at = seen.freedom(client, index) or (None, 0)
+    if body is None:
+        return None
+    base = 6 * body.base_moves
+    if at < base:
+        return body, None, "prismatic" if at < 3 else "revolute"
+    joint = body.joints[link_of(body, at - base)]
+    return body, joint.name, joint.kind
 
 
 def turn_at(seen: Seen, client: int, index: int) -> Body | None:

@@ -263,6 +263,11 @@ class Body:
         """The slice of each joint's velocities within those of all joints."""
         return places(joint.widths[1] for joint in self.joints)
 
+    @property
+    def freedoms(self) -> int:
+        """The number of the body's degrees of freedom."""
+        return 6 * self.base_moves + sum(joint.widths[1] for joint in self.joints)
+
     def rate_of(self, actuator: Actuator) -> int | None:
         """Return the velocity index of the joint that an actuator drives.
 

@@ -207,6 +207,19 @@ class Seen:
         """Return the number of steps of a simulation; 0 if unknown."""
         return self.samples.get(client, 1) - 1
 
+    def freedom(self, client: int, index: int) -> tuple[Body, int] | None:
+        """Return the body that has an engine's degree of freedom, and its index among the body's.
+
+        The three linear velocities of a free base are the first, and its angular ones the next.
+        """
+        for body in self.bodies.values():
+            if body.client != client:
+                continue
+            if index < body.freedoms:
+                return body, index
+            index -= body.freedoms
+        return None
+
     def clients_with(self, setting: str, value: float) -> set[int]:
         """Return the simulations in which an engine setting ever had the given value."""
         return {
@@ -235,11 +248,7 @@ class Seen:
 
     def piece_steps(self, most: int = PIECE, numbers: int = NUMBERS) -> int:
         """Return the chunk size in steps, limited by `most` and by the degrees of freedom."""
-        freedoms = sum(
-            6 * body.base_moves + sum(joint.widths[1] for joint in body.joints)
-            for body in self.bodies.values()
-            if not body.soft
-        )
+        freedoms = sum(body.freedoms for body in self.bodies.values() if not body.soft)
         return min(most, max(LEAST, numbers // max(freedoms, 1)))
 
     def pieces(self, steps: int = 0) -> Iterator[Piece]:
