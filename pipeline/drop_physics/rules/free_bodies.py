@@ -181,7 +181,6 @@ def _taken(bodies: BodyColumns, term: str, where: Flags) -> Match | None:
         energy_j,
         {"mass": masses_kg},
         sums={"taken": taken_j},
-        lasts={"ends": energy_j},
         keys=keys,
     )
 
