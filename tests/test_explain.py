@@ -38,6 +38,20 @@ def test_a_rule_is_explained_in_its_own_words() -> None:
     }
 
 
+def test_a_cure_is_written_for_the_engine_that_its_row_is_about() -> None:
+    """A rule for both engines has a level and a syntax for each of its rows."""
+    made = references(ALL_RULES, ["flag", "tunnelled"])
+    assert (made["flag"].level, {engine for engine, *_ in made["flag"].cures}) == (
+        "model",
+        {"MuJoCo"},
+    )
+    assert {(engine, cure.name) for engine, cure, _ in made["tunnelled"].cures} == {
+        ("PyBullet", "without"),
+        ("PyBullet", "timestep"),
+        ("MuJoCo", "solref"),
+    }
+
+
 @pytest.mark.long
 def test_thresholds_messages_and_cure_are_those_of_the_rule() -> None:
     """Of two rules in one file, each has its own texts."""

@@ -96,7 +96,7 @@ def test_each_table_of_a_rule_is_declared_as_in_the_scene(one: Rule) -> None:
 
 LAWS_DIFFER = {
     *("creeps", "slides", "deep-penetration", "starts-in-contact"),  # contacts: rigid, or springs
-    *("joint-damping", "off-target", "unstable"),  # motors by shares of a gap, actuators by forces
+    *("off-target", "unstable"),  # motors by shares of a gap, actuators by forces
 }
 """The codes whose law is another one in each engine, so that a file for each tells them."""
 

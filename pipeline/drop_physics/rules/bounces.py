@@ -14,7 +14,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.vectors import distinct_rows
 from drop_physics.rules.body_properties import AskedOfBodies
 from drop_physics.rules.chunk import StepChunk
-from drop_physics.rules.engines import ANY, MUJOCO
+from drop_physics.rules.engines import ANY, MUJOCOS
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.placing import Placing
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
@@ -233,7 +233,7 @@ GAINS = Message(
 )
 energy_gained.rows(
     SayingRow(
-        when=lambda engine: engine == MUJOCO,
+        engines=MUJOCOS,
         says=Message(
             "contact of {body} with {other} adds {gained:.3g} J to {brought:.3g} J of kinetic "
             "energy: they come together at {approach:.4g} m/s and part at {parting:.4g} m/s; it is "

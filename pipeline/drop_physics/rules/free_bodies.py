@@ -163,7 +163,7 @@ def _turning(tree: Tree, states: States) -> tuple[Float64, Float64]:
 # -- default-damping ------------------------------------------------------------------------------
 
 
-def _taken(bodies: BodyColumns, term: str, where: Flags) -> Match | None:
+def energy_taken(bodies: BodyColumns, term: str, where: Flags) -> Match | None:
     """Match steps in which a term takes energy, with the energy taken since calls set the state."""
     its = [body.changes.energy_j.get(term) for body in bodies.batch.bodies]
     if any(each is None for each in its):
@@ -193,19 +193,7 @@ def default_damping(bodies: BodyColumns) -> Match | None:
     # In the air is also a robot whose motors hold its joints, and what hangs on a constraint.
     near = np.full(len(bodies.step), bodies.law.tree.fixed)
     near[bodies.reported.contacts.step] = True
-    return _taken(bodies, "damping", (bodies.segment == FLIGHT) | ~near)
-
-
-@body_rule("joint-damping", "model", subject=1)
-def swing_damped(bodies: BodyColumns) -> Match | None:
-    """The damping in a file takes energy from joints without a motor or a torque."""
-    joints = bodies.batch.bodies[0].body.joints
-    told = [joint.damping for joint in joints for _ in range(joint.widths[1])]
-    # One that a call set is meant.
-    if not any(told) or not np.array_equal(told, bodies.law.joint_damping):
-        return None
-    drives = [bodies.terms[name].any(axis=1) for name in ("motors", "applied") if bodies.terms]
-    return _taken(bodies, "joint damping", ~np.any(drives, axis=0)) if drives else None
+    return energy_taken(bodies, "damping", (bodies.segment == FLIGHT) | ~near)
 
 
 @body_rule("rolling-friction", "note", subject=1)
@@ -213,12 +201,12 @@ def rolling_friction(bodies: BodyColumns) -> Match | None:
     """Rolling friction takes a noticeable share of a rolling body's energy."""
     if bodies.law.tree.size != 6:  # a robot has motors to make up for it
         return None
-    return _taken(bodies, "rolling", bodies.verdict.why < 0)
+    return energy_taken(bodies, "rolling", bodies.verdict.why < 0)
 
 
 @default_damping.counts
-@swing_damped.counts
-def _(taken: Float64, size: Float64) -> Float64:
+def losses(taken: Float64, size: Float64) -> Float64:
+    """Return the energy that a term took of a body; 0 for a small share of it [J]."""
     return np.where(taken > DAMPED * size, taken, 0.0)
 
 
@@ -229,9 +217,9 @@ def _(size: Float64, mass: Float64, taken: Float64) -> Float64:
 
 
 @default_damping.notes
-@swing_damped.notes
 @rolling_friction.notes
-def _(taken: float, size: float) -> Noted:
+def lost_share(taken: float, size: float) -> Noted:
+    """Return the share of a body's energy that a term took."""
     return {"part": min(taken / size, 1.0)}
 
 
@@ -243,16 +231,6 @@ default_damping.rows(
             "kinetic energy: PyBullet damps every body, by 0.04 unless a call sets it"
         ),
         cure=Remedy("damping", "body", 0.0),
-    ),
-    like=LOST,
-)
-swing_damped.rows(
-    SayingRow(
-        says=Message(
-            "{body} swings freely and loses {taken:.3g} J to the joint damping in its file, of at "
-            "most {size:.3g} J of kinetic energy"
-        ),
-        cure=Remedy("joint-damping", "body", 0.0),
     ),
     like=LOST,
 )

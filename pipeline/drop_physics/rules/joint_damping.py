@@ -11,10 +11,11 @@ from drop_physics.messages import Message
 from drop_physics.rules.answer import so_many
 from drop_physics.rules.by_name import called
 from drop_physics.rules.engines import MUJOCOS
+from drop_physics.rules.free_bodies import LOST, energy_taken, losses, lost_share
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
-from drop_physics.rules.rule import Match, joint_rule
+from drop_physics.rules.rule import Match, body_rule, joint_rule
 from drop_physics.rules.runs import Runs
-from drop_physics.rules.tables import JointColumns
+from drop_physics.rules.tables import BodyColumns, JointColumns
 from drop_physics.rules.thresholds import (
     AT_TARGET_M,
     DAMPS_ANY,
@@ -211,4 +212,30 @@ joint_damping.rows(
         share="part",
         site="called",
     ),
+)
+
+
+@body_rule("joint-damping", "model", subject=1)
+def swing_damped(bodies: BodyColumns) -> Match | None:
+    """The damping in a file takes energy from joints without a motor or a torque."""
+    joints = bodies.batch.bodies[0].body.joints
+    told = [joint.damping for joint in joints for _ in range(joint.widths[1])]
+    # One that a call set is meant.
+    if not any(told) or not np.array_equal(told, bodies.law.joint_damping):
+        return None
+    drives = [bodies.terms[name].any(axis=1) for name in ("motors", "applied") if bodies.terms]
+    return energy_taken(bodies, "joint damping", ~np.any(drives, axis=0)) if drives else None
+
+
+swing_damped.counts(losses)
+swing_damped.notes(lost_share)
+swing_damped.rows(
+    SayingRow(
+        says=Message(
+            "{body} swings freely and loses {taken:.3g} J to the joint damping in its file, of at "
+            "most {size:.3g} J of kinetic energy"
+        ),
+        cure=Remedy("joint-damping", "body", 0.0),
+    ),
+    like=LOST,
 )

@@ -10,7 +10,7 @@ from drop_physics.explain.times import StepTimes
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Span
 from drop_physics.rules.body_properties import size_m
-from drop_physics.rules.engines import ANY, MUJOCO, engine_of
+from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS, engine_of
 from drop_physics.rules.inputs import BodyLife, Inputs
 from drop_physics.rules.rows import Case, Remedy, SayingRow
 from drop_physics.rules.rule import input_rule
@@ -70,7 +70,6 @@ def no_gravity(inputs: Inputs, seen: Seen, times: Mapping[int, StepTimes]) -> It
             span=Span(life.first, life.last, life.count),
             values={
                 "why": why,
-                "by_model": by_model,
                 "moves": moves,
                 "step": life.first - 1,
                 "gravity": gravity_m_s2,
@@ -94,6 +93,7 @@ no_gravity.rows(
     ),
     SayingRow(
         when=lambda why: why == "flag",
+        engines=MUJOCOS,
         says=Message("a flag of the model switches gravity off, so {body} does not fall"),
         cure=Remedy("gravity", form="flag"),
         share=1.0,
@@ -102,13 +102,14 @@ no_gravity.rows(
     ),
     SayingRow(
         when=lambda why: why == "gravcomp",
+        engines=MUJOCOS,
         says=Message("gravcomp takes all of gravity off {body}, so it does not fall"),
         cure=Remedy("gravcomp", "body", 0.0),
         reason="gravcomp",
         level="note",
     ),
     SayingRow(
-        when=lambda by_model: by_model,
+        engines=MUJOCOS,
         says=Message("the model's gravity is 0, so {body} does not fall"),
         level="note",
     ),

@@ -75,7 +75,7 @@ def _(posed: Float64, last: Int64, first: Int64, size: Float64) -> Float64:
 def _(inputs: Inputs, seen: Seen, subject: Body, engine: str, on: int, link: int) -> Noted | None:
     other = seen.bodies[on].label
     if engine == MUJOCO:  # one that cannot move is a mocap body
-        return {"by_qpos": True, "other": other} if subject.moving else None
+        return {"other": other} if subject.moving else None
     fast = set[int]()
     for use in inputs.of(Act.SET_VELOCITY):
         if use.body is subject and any(map(np.any, (*use.low.values(), *use.high.values()))):
@@ -92,7 +92,6 @@ def _(inputs: Inputs, seen: Seen, subject: Body, engine: str, on: int, link: int
         by_joint = use.first.act is Act.SET_JOINT and number >= 0
         joint = subject.joints[number].name if by_joint else None
         return {
-            "by_qpos": False,
             "other": other,
             "joint": joint,
             "what": joint or subject.label,
@@ -113,7 +112,7 @@ BY_CALL = SayingRow(
 POSED = SayingRow(cure=Remedy("support-velocity", bodies=("body",)), proposed=True).like(BY_CALL)
 pose_set_each_step.rows(
     SayingRow(
-        when=lambda by_qpos: by_qpos,
+        engines=MUJOCOS,
         says=Message(
             "{body} is set by qpos in {posed:,.0f} steps in which it touches {other}, and gets "
             "{size:mm} into it: a pose that is set has no force"
@@ -218,7 +217,7 @@ def _(
 
 falls_no_faster.rows(
     SayingRow(
-        when=lambda engine: engine == MUJOCO,
+        engines=MUJOCOS,
         says=Message(
             "{body} falls no faster: qvel is written before {steps}, and takes away each time what "
             "gravity gave"

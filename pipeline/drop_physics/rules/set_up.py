@@ -13,7 +13,7 @@ from drop_physics.physics.laws.lookup import RIGID
 from drop_physics.physics.tree import RATES
 from drop_physics.rules.answer import Span
 from drop_physics.rules.body_properties import AskedOfBodies
-from drop_physics.rules.engines import ANY, MUJOCO, engine_of
+from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS, engine_of
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rows import Case, Remedy, SayingRow
 from drop_physics.rules.rule import input_rule
@@ -31,7 +31,7 @@ def not_stepped(inputs: Inputs, seen: Seen, origin: Mapping[str, Any]) -> Iterat
     if origin.get("ended") == "failed":
         return
     if engine_of(seen) == MUJOCO and not seen.samples:
-        yield Case(values={"computes": True})
+        yield Case()
     stepped = any(samples > 1 for samples in seen.samples.values())
     uses = [*inputs.of(*WAITS)], [*inputs.of(Act.SET_GRAVITY)]
     placed = {use.first.client for use in inputs.of(Act.SET_POSE, Act.SET_JOINT)}
@@ -43,7 +43,7 @@ def not_stepped(inputs: Inputs, seen: Seen, origin: Mapping[str, Any]) -> Iterat
         there = any(body.moving for body in seen.bodies.values() if body.client == client)
         if samples == 1 and call is not None and there:
             told = {"client": client, "stepped": stepped, "waits": waits is not None}
-            yield Case(call=call, values={"computes": False, **told})
+            yield Case(call=call, values=told)
 
 
 NEVER = Message(
@@ -53,7 +53,7 @@ NEVER = Message(
 IN_A_LOOP = Message("call p.stepSimulation(physicsClientId={client}) in a loop")
 not_stepped.rows(
     SayingRow(
-        when=lambda computes: computes,
+        engines=MUJOCOS,
         says=Message(
             "nothing is ever stepped, so nothing moves by itself: mj_forward and mj_step1 only "
             "compute what depends on the state, and time passes in mj_step, or mj_step2"
@@ -135,7 +135,6 @@ def timestep_changed(inputs: Inputs, seen: Seen, times: Mapping[int, StepTimes])
             call=uses[-1].first if uses else None,
             span=Span(step, changes[-1][0], count),
             values={
-                "is_mujoco": is_mujoco,
                 "function": Act.SET_TIMESTEP.value[-1],
                 "before": fraction(around_s[0]),
                 "after": fraction(around_s[1]),
@@ -150,7 +149,7 @@ def timestep_changed(inputs: Inputs, seen: Seen, times: Mapping[int, StepTimes])
 
 timestep_changed.rows(
     SayingRow(
-        when=lambda is_mujoco: is_mujoco,
+        engines=MUJOCOS,
         says=Message(
             "the timestep changes from {before} s to {after} s at step {step:,}{more}: MuJoCo "
             "makes no contact stiffer than a time constant of 2 steps, {least:g} s with the "

@@ -12,7 +12,7 @@ from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.body_properties import AskedOfBodies
 from drop_physics.rules.chunk import StepChunk
-from drop_physics.rules.engines import ANY, MUJOCO
+from drop_physics.rules.engines import ANY, MUJOCOS
 from drop_physics.rules.placing import NEAR, Placing
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, pair_rule, side_rule
@@ -410,7 +410,7 @@ def _(
 
 dragged_by_nothing.rows(
     SayingRow(
-        when=lambda engine: engine == MUJOCO,
+        engines=MUJOCOS,
         advice=Message("let a <joint> with an actuator move it, or <weld> it to the mocap body"),
     ),
     SayingRow(cure=Remedy("support-velocity", "other", bodies=("other",))),

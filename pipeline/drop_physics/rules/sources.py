@@ -10,7 +10,8 @@ import ast
 import inspect
 import itertools
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+import sys
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
@@ -103,22 +104,27 @@ def _thresholds() -> dict[str, Limit]:
 
 
 def _rule_texts(rule: Rule) -> RuleTexts:
-    """Return the texts in a rule's functions, and in what they use of its module."""
+    """Return the texts in a rule's functions, and in what they use of its modules."""
     module = rule.matches.__globals__
     found: dict[Callable[..., object], ast.Module] = {}
     calls: list[Callable[..., object]] = [rule.matches, rule.sizes, rule.noting]
+    rooms = {each.__module__ for each in calls} - {Rule.__module__}
     for each in calls:
         is_code = isinstance(each, FunctionType | type)
-        if is_code and each.__module__ == module["__name__"] and each not in found:
+        if is_code and each.__module__ in rooms and each not in found:
             found[each] = ast.parse(inspect.getsource(each))
             calls += filter(callable, map(module.get, sorted(_names(found[each]))))
     inside = [node for tree in found.values() for node in ast.walk(tree)]
     keywords = {node.arg for node in inside if isinstance(node, ast.keyword)}
     proposed = rule.proposes or "proposed" in keywords
     texts = RuleTexts(
-        level=rule.level,
+        level=None if rule.told else rule.level,
         measured=[" ".join(rule.meaning.partition("\n\n")[0].split())],
-        thresholds=_limits(name for tree in found.values() for name in _names(tree)),
+        thresholds=[
+            limit
+            for each, tree in found.items()
+            for limit in _limits(_names(tree), vars(sys.modules[each.__module__]))
+        ],
     )
     advised: list[str] = []
     for node in inside:
@@ -140,10 +146,10 @@ def _names(tree: ast.AST) -> set[str]:
     return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
 
 
-def _limits(names: Iterable[str]) -> list[Limit]:
-    """Return the thresholds among names."""
-    used = {*names}
-    return [threshold for name, threshold in _thresholds().items() if name in used]
+def _limits(names: Collection[str], module: Mapping[str, object]) -> list[Limit]:
+    """Return the thresholds among the names that a function of a module uses."""
+    limits = (limit for name, limit in _thresholds().items() if name in names)
+    return [limit for limit in limits if module.get(limit.name) == limit.value]
 
 
 def _row_texts(rule: Rule, row: SayingRow) -> RuleTexts:
@@ -151,7 +157,9 @@ def _row_texts(rule: Rule, row: SayingRow) -> RuleTexts:
     proposed = rule.proposes if row.proposed is None else row.proposed
     texts = RuleTexts(
         level=row.level or rule.level,
-        thresholds=[] if row.when is None else _limits(row.when.__code__.co_names),
+        thresholds=[]
+        if row.when is None
+        else _limits(row.when.__code__.co_names, row.when.__globals__),
         says=[each for each in (row.says, row.why) if each],
     )
     (texts.proposes if proposed else texts.advises).extend([row.advice] if row.advice else [])

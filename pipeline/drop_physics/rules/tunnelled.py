@@ -20,7 +20,7 @@ from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.chunk import StepChunk
-from drop_physics.rules.engines import ANY, MUJOCO
+from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule
@@ -167,7 +167,8 @@ tunnelled.rows(
         site="called",
     ),
     SayingRow(
-        when=lambda shapeless, engine: shapeless and engine == MUJOCO,
+        when=lambda shapeless: shapeless,
+        engines=MUJOCOS,
         advice=Message('contype="1" conaffinity="1" of one of its <geom>s'),
         level="note",  # its model says so
     ).like(SHAPELESS),
@@ -177,6 +178,7 @@ tunnelled.rows(
     ).like(SHAPELESS),
     SayingRow(
         when=lambda touched: touched,
+        engines=MUJOCOS,
         says=Message(
             "{body} passes through {other} at {time:.4g} s although they touch: at {speed:.3g} m/s "
             "their contact is too soft to stop it within {thick:.3g} m"
@@ -186,7 +188,7 @@ tunnelled.rows(
         normal="body_size_m",
         level="broken",
     ),
-    SayingRow(when=lambda engine: engine == MUJOCO, cure=STOPS).like(TOO_FAR),
+    SayingRow(cure=STOPS, engines=MUJOCOS).like(TOO_FAR),
     SayingRow(
         advice=Message("use a timestep in which it goes less than that: {call}"),
         cure=Remedy("timestep", value="finer"),
@@ -314,7 +316,7 @@ def _(size: float) -> Noted:
 
 long.rows(
     SayingRow(
-        when=lambda engine: engine == MUJOCO,
+        engines=MUJOCOS,
         says=Message(
             "{body} is simulated in steps of {step_s} s: MuJoCo makes no contact and no limit "
             "stiffer than a time constant of 2 steps, and actuators act on a state as old as a step"
