@@ -42,6 +42,7 @@ from drop_physics.trace.history import Seen
     least_count=OVERLAPS_STEPS,
     subject=1,
     engines=ANY,
+    proof="call",
 )
 def pose_set_each_step(pair: PairColumns, placing: Placing) -> Match:
     """A pose set in every step exerts no force: the body passes through obstacles."""
