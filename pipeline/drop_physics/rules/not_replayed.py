@@ -14,9 +14,6 @@ from drop_physics.rules.rule import Match, Sized, body_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.trace.acts import Act
 
-STALE = "stale"
-"""The reason of a step that used data of an older state."""
-
 
 @body_rule("not-replayed", "note", subject=0, engines=MUJOCOS)
 def not_replayed(bodies: BodyColumns, chunk: StepChunk) -> Match:
@@ -26,7 +23,7 @@ def not_replayed(bodies: BodyColumns, chunk: StepChunk) -> Match:
     replayed = np.isin(client, [each for each, held in piece.impulses.items() if held])
     writes = {(each.client, each.at.step + 1) for each in piece.calls.of(Act.SET_STATE)}
     written = [pair in writes for pair in zip(client.tolist(), bodies.step.tolist(), strict=True)]
-    stale = why == WHYS.index(STALE)
+    stale = why == WHYS.index("stale")
     return Match(
         replayed & (stale | (why == WHYS.index("not replayed"))),
         np.ones(len(client)),
@@ -49,7 +46,7 @@ not_replayed.rows(
             "was written: mj_step2 takes positions, contacts and forces as mj_step1 left them"
         ),
         cure=Remedy("forward"),
-        reason=STALE,
+        reason="stale",
         level="asked",
         site=Act.SET_STATE,
     ),
