@@ -483,6 +483,44 @@ def test_ctrl_c_shows_what_was_found_so_far(tmp_path: Path) -> None:
     assert any(each.startswith("interrupted: ") for each in notes)
 
 
+RESET = """
+import pybullet as p
+import pybullet_data
+
+def load():
+    p.setAdditionalSearchPath(pybullet_data.getDataPath())
+    p.loadURDF("plane.urdf")
+    return p.loadURDF("cube_small.urdf", [0, 0, 0.3])
+
+p.connect(p.DIRECT)
+p.setGravity(0, 0, -9.81)
+for episode in range(2):
+    cube = load()
+    for _ in range(100):
+        p.stepSimulation()
+    assert p.getBasePositionAndOrientation(cube)[0][2] < 0.05
+    p.resetSimulation()
+"""
+
+
+@pytest.mark.long
+def test_the_fix_that_a_finding_suggests_is_judged_by_the_expectation_too(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(RESET)
+    result = why(str(tmp_path / "script.py"), out=tmp_path / "out", stdout=2)
+    assert "no-gravity" in [each.finding.code for each in result.findings]
+    assert result.expected is not None
+    change = result.expected.makes_true[0].tried.change
+    assert result.expected.words(change) == "p.setGravity(0, 0, -9.81)"
+    again = why(
+        str(tmp_path / "script.py"),
+        out=tmp_path / "again",
+        stdout=2,
+        tries=[result.expected.repeats(change)],
+    )
+    assert again.expected is not None
+    assert [each.tried.outcome.holds for each in again.expected.makes_true] == [True]
+
+
 @pytest.mark.long
 def test_runs_that_differ_by_themselves_are_said_to(tmp_path: Path) -> None:
     notes: list[str] = []

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 from drop_physics.engines import source
 from drop_physics.engines.interventions import FACTOR, ChangeRow, Interventions
 from drop_physics.engines.mujoco.interventions import INTERVENTIONS as MUJOCO
 from drop_physics.engines.pybullet.interventions import INTERVENTIONS as BULLET
+from drop_physics.engines.watching.single_changes import Change
 from drop_physics.trace.cures import ChangedRun, Cure
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
-
-if TYPE_CHECKING:
-    from drop_physics.engines.watching.single_changes import Change
 
 TABLES = {PYBULLET: BULLET, "MuJoCo": MUJOCO}
 """Module of each engine's table of interventions, by the engine's name."""
@@ -29,7 +27,7 @@ FACTORS = {
 }
 """Names of rows whose number is a factor or a magnitude if the change applies to the whole run."""
 RUN = "run"
-"""The operator of a change that is an intervention; its operand is the changed run."""
+"""The operator of a change that is an intervention; its operand is an `IntervenedRun`."""
 PARAMETERS = BULLET.parameters | MUJOCO.parameters
 """Engine parameters that `parameter` sets, for all engines."""
 
@@ -39,11 +37,25 @@ def cures_of(engine: str) -> Interventions:
     return TABLES[engine.partition(" ")[0]]
 
 
+@dataclass(frozen=True)
+class IntervenedRun:
+    """The run that an intervention makes, and how a user would write the intervention."""
+
+    run: ChangedRun
+    call: str
+
+
+def intervened(name: str, value: float | None, call: str, run: ChangedRun) -> Change:
+    """Return an intervention as a change, named as `--try` takes it."""
+    named = name if value is None else f"{name}={value:g}"
+    return Change(named, "", (RUN, IntervenedRun(run, call)))
+
+
 def trial_of(change: Change) -> ChangedRun:
     """Return the run with a single change."""
     if change.how[0] == RUN:
-        run: ChangedRun = change.how[1]
-        return run
+        intervention: IntervenedRun = change.how[1]
+        return intervention.run
     if change.engine == source.SOURCE:
         return ChangedRun(edits=source.edits_of(change), longer=source.repeats(change))
     made = TABLES[change.engine].trial_of(change)
@@ -53,7 +65,8 @@ def trial_of(change: Change) -> ChangedRun:
 def words_of(change: Change) -> str:
     """Describe a single change as a user would write it, e.g. friction of left, right ×10."""
     if change.how[0] == RUN:
-        return change.change
+        intervention: IntervenedRun = change.how[1]
+        return intervention.call
     if change.engine == source.SOURCE:
         return source.words_of(change)
     return TABLES[change.engine].words_of(change)

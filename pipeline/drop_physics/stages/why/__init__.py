@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from rich.filesize import decimal
 
-from drop_physics.engines.cures import cures_of
+from drop_physics.engines.cures import cures_of, intervened
 from drop_physics.engines.script import Program
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.interventions import Intervention
@@ -41,7 +40,6 @@ from drop_physics.stages.why.trials import RunTrial, TrialRun, first_tried
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
-    from drop_physics.analysis.results import Analysis
     from drop_physics.experiments.run_distance import Distance
     from drop_physics.experiments.shares import Shares
     from drop_physics.experiments.verdicts import Outcome, TrialVerdict, Verdict
@@ -184,6 +182,8 @@ def why(asked: verbs.WhyArguments) -> Why:
     if expected is not None and expected.base.holds:
         return _only(expected, recorded, time.monotonic() - began)
     from drop_physics.recording.reader import read
+    from drop_physics.rules.choice import EVERY
+    from drop_physics.stages.analyze import analyze
 
     base = read(recorded.recording)
     if recorded.beside is not None:
@@ -200,31 +200,7 @@ def why(asked: verbs.WhyArguments) -> Why:
     forget_trials(recorded.recording)
     folder.mkdir(exist_ok=True)
 
-    @functools.cache
-    def analyzed() -> Analysis:
-        from drop_physics.rules.choice import EVERY
-        from drop_physics.stages.analyze import analyze
-
-        choice, script = asked.choice or EVERY, Path(asked.target)
-        return analyze(recorded.recording, choice=choice, script=script)
-
-    if expected is not None:
-        expected = searched(
-            expected,
-            asked,
-            recorded,
-            rerun,
-            cures=cures,
-            python=python,
-            until=until,
-            base=base,
-            account=lambda: analyzed().account,
-        )
-        if asked.expect is not None:
-            result = _only(expected, recorded, time.monotonic() - began)
-            _keep(folder, result, base.recording_id)
-            return result
-    analysis = analyzed()
+    analysis = analyze(recorded.recording, choice=asked.choice or EVERY, script=Path(asked.target))
     findings = analysis.findings
     all_steps = sum(samples - 1 for samples in base.seen.samples.values())
     program = Program(
@@ -244,6 +220,28 @@ def why(asked: verbs.WhyArguments) -> Why:
         cures_of(base.seen.engine),
         lambda: possible(program, rerun, base.seen.engine.partition(" ")[0]),
     )
+    if expected is not None:
+        expected = searched(
+            expected,
+            asked,
+            recorded,
+            rerun,
+            cures=cures,
+            python=python,
+            until=until,
+            base=base,
+            account=analysis.account,
+            remedies=[
+                intervened(made.name, made.value, made.call, each.run)
+                for each in proposals.of_findings()
+                for made in (each.intervention,)
+                if each.run is not None
+            ],
+        )
+        if asked.expect is not None:
+            result = _only(expected, recorded, time.monotonic() - began)
+            _keep(folder, result, base.recording_id)
+            return result
     chosen = _about(findings, asked.about)
     candidates_found = False
     if asked.tries:
@@ -333,7 +331,7 @@ def why(asked: verbs.WhyArguments) -> Why:
                 python=python,
                 until=until,
                 base=base,
-                account=lambda: analysis.account,
+                account=analysis.account,
             )
             expected = found if found.tried or found.chaotic else None
     result = replace(result, expected=expected)

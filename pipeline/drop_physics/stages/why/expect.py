@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from drop_physics.engines.cures import RUN, cures_of, follows, words_of, written_as
+from drop_physics.engines.cures import cures_of, follows, intervened, words_of, written_as
 from drop_physics.engines.interventions import Operation, done
 from drop_physics.engines.script import Program
 from drop_physics.engines.source import SOURCE, place_of
@@ -243,7 +243,8 @@ def searched(
     python: str,
     until: float,
     base: Recording,
-    account: Callable[[], Sequence[AccountRow]],
+    account: Sequence[AccountRow],
+    remedies: Sequence[Change] = (),
     cures: Sequence[Cure] = (),
 ) -> Expected:
     """Search for changes that make a failed expectation pass; return the expectation with them.
@@ -264,7 +265,9 @@ def searched(
         The recording of the script's own run. Runs with the first changes that meet the expectation
         are recorded beside it.
     account
-        Returns the account of the script's own run.
+        The account of the script's own run.
+    remedies
+        The fixes that findings suggest, which are tried first.
     cures
         The changes to try; if empty, all possible changes.
 
@@ -295,7 +298,7 @@ def searched(
         trials = EvaluatedRuns(program, reruns, of_text, _ends(own, recorded), until, at_once)
         asked_for = partial(_asked_for, cures, base) if cures else None
         found = _searched(
-            trials, recorded.engine, own.row, later, account, asked_for, asked.progress
+            trials, recorded.engine, own.row, later, account, remedies, asked_for, asked.progress
         )
         first = [each.tried.change for each in found.get("makes_true", ())[:NARROWED]]
         failure = _failure_of(base.seen)
@@ -346,7 +349,8 @@ def _searched(
     engine: str,
     row: RowExpectation | None,
     later: ExitStack,
-    account: Callable[[], Sequence[AccountRow]],
+    account: Sequence[AccountRow],
+    remedies: Sequence[Change],
     asked_for: Callable[[Sequence[Change]], list[Change]] | None,
     progress: Progress,
 ) -> dict[str, Any]:
@@ -369,13 +373,14 @@ def _searched(
         changes.sort(key=lambda each: not row.names(each))
     if asked_for is not None:
         changes, its_text = asked_for([*changes, *its_text]), []
+    else:
+        changes = [*remedies, *changes]
     search.told = lambda made, true: progress(made, true, len(changes) + len(its_text))
     search.all_of(changes)
     if its_text and search.complete:
         later.enter_context(trials.of_text)
         search.all_of(its_text)
-    rows = account() if any(each.outcome.holds for each in search.tried) else ()
-    said = ranked(search.tried, row_of=partial(_row_of, row, rows))
+    said = ranked(search.tried, row_of=partial(_row_of, row, account))
     if noise > CHANCE * abs(base.margin):  # what it does may be chance
         said = _standing(trials, said)
     said = _coincidences_last(search, said)
@@ -405,7 +410,7 @@ def _asked_for(cures: Sequence[Cure], base: Recording, changes: Sequence[Change]
     return [
         named(cure.call, changes)
         if cure.name == SINGLE
-        else Change(cure.call, "", (RUN, proposals.required(cure, "--try")))
+        else intervened(cure.call, None, cure.call, proposals.required(cure, "--try"))
         for cure in cures
     ]
 
