@@ -1,8 +1,9 @@
 """Start Python programs by forking, 50 times faster, in tests that are not about process start.
 
 The first one starts a process that has imported what scripts and we import, and forks for each
-program: what runs there is the same code. A program whose environment counts when Python starts
-(seeds of hashes, other leftovers in memory), or that has another interpreter, is really started.
+program: what runs there is the same code. Programs with the seed of hashes that `drop` sets are
+forked from a process of their own. A program whose environment counts when Python starts (other
+seeds, other leftovers in memory), or that has another interpreter, is really started.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ PERTURB = "85"
 STATUS = struct.Struct("i")
 ASKS = threading.Lock()
 """Serializes requests of parallel trials, each of which must be sent in one piece."""
+SEED = "0"
+"""The value of `PYTHONHASHSEED` for scripts that are run more than once."""
 BEGAN = dict(os.environ)
 """The environment before any test, as command lines run in this process add to it."""
 IMPORTED = (
@@ -60,6 +63,7 @@ class Forked:
         pass_fds: Sequence[int] = (),
         env: Mapping[str, str] | None = None,
         also: str = "",
+        seed: str | None = None,
     ) -> None:
         self.args, self.returncode, self.stdin, self.stdout = command, None, None, None
         reading, writing = os.pipe()
@@ -84,7 +88,7 @@ class Forked:
             "leads": process_group == 0,
             "numbers": [*numbers],
         }
-        _ask(_server(also), request, [writing, *numbers.values()])
+        _ask(_server(also, seed), request, [writing, *numbers.values()])
         os.close(writing)
         os.close(null)
         if stdin == subprocess.PIPE:
@@ -142,14 +146,16 @@ def fork_scripts() -> None:
 def popen(command: Sequence[str], **how: Any) -> Any:
     """Start a program, by forking if the effect is the same."""
     same = command[0] == sys.executable and not command[1].startswith("-")
-    then, env = _started_with(), {"MALLOC_PERTURB_": PERTURB, **how["env"]}
+    env = {"MALLOC_PERTURB_": PERTURB, **how["env"]}
+    seed = SEED if env.get("PYTHONHASHSEED") == SEED else None
+    then = _started_with(seed)
     if not same or any(env.get(name) != then.get(name) for name in STARTS) or _customized(env):
         return subprocess.Popen(command, **how)
     scripts = [path for path in map(Path, command[4:]) if path.is_file()]
     mujoco = command[2].startswith("mujoco.") or any(
         b"mujoco" in each.read_bytes() for each in scripts
     )
-    return Forked(command, also="mujoco" if mujoco else "", **how)
+    return Forked(command, also="mujoco" if mujoco else "", seed=seed, **how)
 
 
 def run(
@@ -175,10 +181,10 @@ def _customized(environment: Mapping[str, str]) -> bool:
     return any(Path(folder, name).exists() for folder in _paths(environment) for name in names)
 
 
-def _started_with() -> dict[str, str]:
-    """Return the start-up variables with which the forking process was started."""
+def _started_with(seed: str | None) -> dict[str, str]:
+    """Return the start-up variables with which a forking process is started."""
     kept = {name: BEGAN[name] for name in STARTS if name in BEGAN}
-    return kept | {"MALLOC_PERTURB_": PERTURB}
+    return kept | {"MALLOC_PERTURB_": PERTURB} | ({"PYTHONHASHSEED": seed} if seed else {})
 
 
 def _ask(asking: socket.socket, request: dict[str, Any], files: list[int]) -> None:
@@ -189,7 +195,7 @@ def _ask(asking: socket.socket, request: dict[str, Any], files: list[int]) -> No
 
 
 @functools.cache
-def _server(also: str) -> socket.socket:
+def _server(also: str, seed: str | None) -> socket.socket:
     asking, serving = socket.socketpair()
     process = subprocess.Popen(
         [sys.executable, __file__, str(serving.fileno()), *[also] * bool(also)],
@@ -197,7 +203,7 @@ def _server(also: str) -> socket.socket:
         stdin=subprocess.DEVNULL,  # which may be a test's terminal: it would never be closed
         stderr=subprocess.DEVNULL,  # PyBullet greets
         stdout=subprocess.DEVNULL,
-        env={**BEGAN, **_started_with()},
+        env={**BEGAN, **_started_with(seed)},
     )
     serving.close()
 

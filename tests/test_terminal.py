@@ -176,12 +176,12 @@ for _ in range(120):
 @pytest.mark.long
 @pytest.mark.parametrize("columns", [20, 140])
 def test_lines_are_as_wide_as_the_terminal_between_50_and_100_columns(
-    terminal: Terminal, drop_process: Drop, tmp_path: Path, standard: Run, columns: int
+    terminal: Terminal, drop: Drop, tmp_path: Path, standard: Run, columns: int
 ) -> None:
     (tmp_path / "run.rrd").write_bytes(standard.simulation.recording.read_bytes())
     for boxes in (1, 3):
         (tmp_path / "script.py").write_text(SCRIPT.format(boxes=boxes))
-        drop_process("record", "-o", f"script-{boxes}.rrd", "script.py")
+        drop("record", "-o", f"script-{boxes}.rrd", "script.py")
     widest = 0
     for command in (
         "--help",
@@ -904,11 +904,11 @@ def test_info_says_what_a_drop_is_in_ten_lines(drop: Drop, tmp_path: Path, stand
 
 
 @pytest.mark.long
-def test_info_says_what_the_recording_of_a_script_is(drop_process: Drop, tmp_path: Path) -> None:
+def test_info_says_what_the_recording_of_a_script_is(drop: Drop, tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT.format(boxes=2))
     words = ("record", "--seed", "1", "--steps", "60")
-    drop_process(*words, "-o", "s.rrd", "script.py", "--its own")
-    done = drop_process("info", "s.rrd")
+    drop(*words, "-o", "s.rrd", "script.py", "--its own")
+    done = drop("info", "s.rrd")
     told = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
     assert len(told) <= 10
     assert told["script"] == "script.py '--its own', stopped by --steps"
@@ -925,7 +925,7 @@ def test_info_says_what_the_recording_of_a_script_is(drop_process: Drop, tmp_pat
         "--its own",
     ]
     (tmp_path / "s.rrd").rename(tmp_path / "s.rrd.part")
-    assert json.loads(drop_process("info", "s.rrd.part", "--json").stdout)["complete"]
+    assert json.loads(drop("info", "s.rrd.part", "--json").stdout)["complete"]
 
 
 # -- where to start -------------------------------------------------------------------------------

@@ -575,7 +575,8 @@ def test_a_script_that_a_full_disk_stops_is_not_blamed(
 ) -> None:
     monkeypatch.setattr(writer, "_is_short_of_room", lambda _: True)
     tmp_path.joinpath("script.py").write_text(
-        "import pybullet as p\np.connect(p.DIRECT)\nfor _ in range(9): p.stepSimulation()\n"
+        "import pybullet as p\np.connect(p.DIRECT)\nfor _ in range(10**8): pass\n"
+        "p.stepSimulation()\n"
     )
     with pytest.raises(DropError, match="as the disk is nearly full"):
         why(str(tmp_path / "script.py"), out=tmp_path / "out", stdout=2)
