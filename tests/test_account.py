@@ -1159,7 +1159,8 @@ ROW = AccountRow(
     kind="asked",
     body="0_arm",
     joint="elbow",
-    told="0.4 rad, got 0.2 rad",
+    told="1.4 rad, got 1.2 rad",
+    got=1.2,
     gap=-0.2,
     unit="rad",
     salience=1.0,
@@ -1180,12 +1181,13 @@ FINDING = Finding(
         (FINDING, True),
         (replace(FINDING, effect=Effect(0.13, "rad")), True),  # in the mean, not at the worst
         (replace(FINDING, effect=Effect(0.01, "rad")), False),  # of another moment
+        (replace(FINDING, effect=Effect(1.2, "rad")), False),  # where it stands
         (replace(FINDING, effect=Effect(0.2, "m")), False),  # how far the hand is off
         (replace(FINDING, effect=Effect(1.13, "1")), False),  # an inertia
         (replace(FINDING, joint="wrist"), False),
         (replace(FINDING, body="1_arm"), False),
     ],
-    ids=["same", "mean", "moment", "hand", "inertia", "joint", "body"],
+    ids=["same", "mean", "moment", "stands", "hand", "inertia", "joint", "body"],
 )
 def test_a_finding_takes_the_place_of_the_row_that_tells_the_same(
     finding: Finding, cites: bool
@@ -1619,6 +1621,8 @@ for step in range(100):
     if step == 49:
         p.resetBasePositionAndOrientation(rug, [3, 2, 1.1], [0, 0, 0, 1])
         p.resetBaseVelocity(rug, [5, 0, 0])
+hit = p.rayTest([-12.1, 0, 5.3], [-2.1, 0, 5.3])[0]
+print(p.getDynamicsInfo(table, -1)[0], p.getJointState(turret, 0)[2])
 """
 
 
@@ -1651,6 +1655,18 @@ def test_a_position_that_a_command_of_a_rate_ignores_is_told(loose: list[Account
     (row,) = [row for row in loose if row.kind == "asked"]
     assert (row.body, row.joint, row.asked, row.alike) == ("4_box", "joint1", 0.5, 0)
     assert "script.py:30 commands a rate, 0 rad/s, and ignores the position" in row.told
+
+
+@pytest.mark.pybullet
+def test_what_is_read_of_rays_masses_and_sensors_is_told(loose: list[AccountRow]) -> None:
+    """The turret's two links of 1 kg hang on the joint that has no sensor."""
+    reads = [row.told for row in loose if row.kind == "reads"]
+    ray, mass, reaction = (
+        next(told for told in reads if word in told) for word in ("a ray: ", "kg", "sensor")
+    )
+    assert "it ends at 0.3 of its length in the last reading, at -9.1, 0, 5.3" in ray
+    assert "its base has 1 kg, and with its links, which are not read, it has 2 kg" in mass
+    assert "read as 0, as no sensor of it is on; it transmits 20 N" in reaction
 
 
 @pytest.mark.pybullet

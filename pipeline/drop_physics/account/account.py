@@ -208,7 +208,13 @@ class Account:
             yield from filter(None, (written.row(subject, subjects, words), idle))
             yield from self._carrying(subject)
         links = self._touches.links
-        yield from reading_rows(self._seen, subjects, links, self._filtered, words)
+        across = {
+            number: efforts.reactions
+            for number in subjects
+            if (efforts := self._joints.efforts(number)) is not None
+            and efforts.reactions is not None
+        }
+        yield from reading_rows(self._seen, subjects, links, self._filtered, across, words)
         yield from self._sensed.rows(self._seen, subjects, links, words)
         yield from array_use_rows(self._seen)
         yield from self._pushed.rows()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -17,8 +17,10 @@ from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.solids import solid_of
 from drop_physics.messages import Message, joined
 from drop_physics.physics.columns import rotation
+from drop_physics.physics.reactions import Reactions
 from drop_physics.physics.tree import BASE
 from drop_physics.quantities import number, quantity
+from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Sensor, located
 from drop_physics.trace.history import Seen
 from drop_physics.trace.readings import (
@@ -26,6 +28,7 @@ from drop_physics.trace.readings import (
     EFFORT,
     FIRST_FORCE,
     FORCE,
+    FRACTION,
     POINTS,
     REACTION,
     Answer,
@@ -40,6 +43,10 @@ NOTHING_M = -1.0
 """What a rangefinder reads whose ray meets nothing."""
 SEES_NOTHING = 1.5
 """The salience of a rangefinder that never meets anything."""
+LEAST = 0.03
+"""Salience of rows about reactions that are read as 0, as most scripts read only the position."""
+FELT = 1e-3
+"""Share of a body's weight or mass below which a force or mass does not count."""
 LOOKS = 64
 """Number of contact points of a chunk that are compared with a sensor's site."""
 
@@ -49,28 +56,38 @@ def reading_rows(
     subjects: Mapping[int, MeasuredBody],
     pairs: Mapping[PairKey, TouchedLinks],
     filtered: Mapping[frozenset[int], str],
+    across: Mapping[int, Reactions],
     words: RowWords,
 ) -> Iterator[AccountRow]:
-    """Yield a row for each script line that reads contacts or a joint's reaction force.
+    """Yield a row for each script line that reads contacts, rays, masses or reaction forces.
 
-    `filtered` has the script line that disables contacts between bodies, by their ids.
+    `filtered` has the script line that disables contacts between bodies, by their ids. `across` are
+    the forces across joints in the last step, by body id.
     """
+    masses = [each for each in seen.readings if each.act is Act.READ_PROPERTIES]
     for reading in seen.readings:
         answers = {answer.name: answer for answer in reading.answers}
         its = {target.body for target in reading.targets} & subjects.keys()
         its = its or {each for each in subjects if seen.bodies[each].client == reading.client}
-        if not answers or not its:
+        if not its:
             continue
-        subject = subjects[min(its)]
+        subject, salience, group = subjects[min(its)], 0.4, None
         if POINTS in answers:
             told = _points(answers) + _pressing(reading, pairs, filtered)
             whom, got = _whom(reading, words), answers.get(FORCE)
+        elif FRACTION in answers:
+            told, got, whom = _met(answers), None, Message("a ray")
         elif any(abs(answers[name].last) > LEAST_N for name in answers if _is_reaction(name)):
             link = next((each.link for each in reading.targets), None)
             if link is None or not 0 <= link < subject.tree.links:
                 continue
             told, got = _reaction(answers) + _beyond(subject, link), None
             whom = words.names.link(subject.body.number, link)
+        elif (unset := _unset(reading, answers, subject, across)) is not None:
+            told, got, salience = unset, None, LEAST
+            whom, group = _whom(reading, words), ("unset", subject.body.number)
+        elif reading.act is Act.READ_PROPERTIES and (told := _base_only(subject, masses)):
+            whom, got = words.names.body(subject.body.number), None
         elif (balance := _balance(reading, subject, words)) is not None:
             told, got, whom = balance, None, words.names.body(subject.body.number)
         else:
@@ -83,9 +100,62 @@ def reading_rows(
             got=None if got is None else got.last,
             unit=None if got is None else "N",
             step=step,
-            salience=0.4,
+            salience=salience,
             subject=subject.body,
+            group=group,
         )
+
+
+def _met(answers: Mapping[str, Answer]) -> Message:
+    """Describe where a ray ends, as a share of its length and as a place."""
+    place = ", ".join(number(answers[axis].last) for axis in "xyz" if axis in answers)
+    return Message(
+        "it ends at {share} of its length in the last reading, at {place}",
+        share=number(answers[FRACTION].last),
+        place=place,
+    )
+
+
+def _unset(
+    reading: Reading,
+    answers: Mapping[str, Answer],
+    subject: MeasuredBody,
+    across: Mapping[int, Reactions],
+) -> Message | None:
+    """Describe a reaction that is always read as 0, as no sensor measures it; else None."""
+    its = [answer for name, answer in answers.items() if _is_reaction(name)]
+    links = [target.link for target in reading.targets if target.link is not None]
+    forces = across.get(subject.body.number)
+    if not its or not links or forces is None or any(each.least or each.greatest for each in its):
+        return None
+    if reading.last_step > reading.first_step:  # a loop, which reads the position
+        return None
+    if not 0 <= links[0] < len(forces.force_n):
+        return None
+    size_n = float(np.linalg.norm(forces.force_n[links[0]]))
+    if not size_n > FELT * subject.weight_n:
+        return None
+    return Message(
+        "its reaction is read as 0, as no sensor of it is on; it transmits {force} at the end",
+        force=quantity(size_n, "N"),
+    )
+
+
+def _base_only(subject: MeasuredBody, masses: Sequence[Reading]) -> Message:
+    """Describe the mass of a floating base if a script reads that of no other link; else nothing.
+
+    `masses` are all readings of a link's properties.
+    """
+    number, tree = subject.body.number, subject.tree
+    links = {each.link for one in masses for each in one.targets if each.body == number}
+    base_kg, whole_kg = float(tree.masses_kg[0]), subject.mass_kg
+    if links != {BASE} or tree.fixed or not base_kg < (1 - FELT) * whole_kg:
+        return Message("")
+    return Message(
+        "its base has {base}, and with its links, which are not read, it has {whole}",
+        base=quantity(base_kg, "kg"),
+        whole=quantity(whole_kg, "kg"),
+    )
 
 
 class Sensed:

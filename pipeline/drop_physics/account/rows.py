@@ -126,9 +126,10 @@ class AccountRow:
 
     @property
     def numbers(self) -> tuple[tuple[float, str], ...]:
-        """The quantities that the row states, with units."""
+        """The quantities that the row is about, with units: of a target only the gap."""
         pushed = self.asked if self.kind == "held" else None
-        told = [(value, self.unit or "") for value in (self.got, self.gap, pushed)]
+        got = self.got if self.kind != "asked" or self.gap is None else None
+        told = [(value, self.unit or "") for value in (got, self.gap, pushed)]
         return tuple((value, unit) for value, unit in (*told, *self.besides) if value)
 
     @property

@@ -210,7 +210,7 @@ def _asked(found: Expected) -> str:
 
 def _how_many(outcomes: int) -> str:
     if not outcomes:
-        return Message("none makes it true")
+        return Message("none of these makes it true")
     if outcomes == 1:
         return Message("one makes it true")
     return Message("{number} make it true", number=outcomes)

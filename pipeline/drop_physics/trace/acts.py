@@ -58,6 +58,7 @@ class Act(Enum):
     SOLVE_SEVERAL_IK = ("calculateInverseKinematics2",)
     READ_LINK = ("getLinkState", "getLinkStates")
     READ_VELOCITY = ("getBaseVelocity",)
+    READ_PROPERTIES = ("getDynamicsInfo",)
     READ_JOINT = (
         "getJointState",
         "getJointStates",

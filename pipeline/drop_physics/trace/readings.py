@@ -30,6 +30,8 @@ POINTS, FIRST_FORCE, FORCE, DISTANCE = "points", "force of the first", "force of
 REACTION, TORQUE = "reaction", "torque"
 """Name prefixes for the readings of a joint's force-torque sensor, and for the motor torque [N] or
 [N m]."""
+FRACTION = "fraction"
+"""Name of the share of a ray at which it meets a body."""
 EFFORT = "effort"
 """Name prefix for the efforts that inverse dynamics returns, one per degree of freedom [N] or [N
 m]."""
