@@ -632,7 +632,7 @@ def test_rules_speak_of_the_engines_whose_words_they_have() -> None:
     both = {rule.code for rule in RULES if len(rule.engines) > 1}
     general = {"dragged-by-nothing", "unseeded", "tunnelled", "timestep-too-long"}
     general |= {"timestep-changed", "energy-gained", "wheel-slip", "collides-as-hull", "no-contact"}
-    general |= {"overwritten"}
+    general |= {"overwritten", "no-gravity", "not-stepped", "reset-leaves"}
     assert general <= both <= general | {"script-failed", "not-finite"}
 
 

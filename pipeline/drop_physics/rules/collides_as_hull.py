@@ -15,13 +15,12 @@ from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import distinct_bytes, lengths
 from drop_physics.rules.body_properties import AskedOfBodies
 from drop_physics.rules.chunk import StepChunk
-from drop_physics.rules.engines import ANY
+from drop_physics.rules.engines import ANY, BULLETS
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, side_rule
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import HULL_EVERY, HULL_OFF_M
 from drop_physics.trace.events import Body, Surface
-from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 from drop_physics.trace.history import Seen
 
 SAME_M = 1e-3
@@ -72,7 +71,7 @@ def _(seen: Seen, asked: AskedOfBodies, subject: Body, keys: list[int]) -> Noted
 
 collides_as_hull.rows(
     SayingRow(
-        when=lambda engine: engine == PYBULLET,
+        engines=BULLETS,
         advice=Message(
             'if it never moves, {call}, in a URDF <collision concave="yes">; '
             "else split it into convex parts, as p.vhacd(…) does"

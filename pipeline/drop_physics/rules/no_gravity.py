@@ -14,7 +14,7 @@ from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS, engine_of
 from drop_physics.rules.inputs import BodyLife, Inputs
 from drop_physics.rules.rows import Case, Remedy, SayingRow
 from drop_physics.rules.rule import input_rule
-from drop_physics.rules.thresholds import STANDARD_M_S2
+from drop_physics.rules.thresholds import FALLS_STEPS, STANDARD_M_S2
 from drop_physics.trace.acts import PUSHES, Act
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
@@ -37,8 +37,11 @@ def no_gravity(inputs: Inputs, seen: Seen, times: Mapping[int, StepTimes]) -> It
         for (number, _), life in inputs.lives.items()
         if (body := seen.bodies[number]).base_moves
         if not life.falls or is_off(seen, body.client, NO_GRAVITY)
-        if _would_fall_m(body, life, times) > size_m(body)
-        if not (by_model and life.fastest > 0)
+        if (
+            life.count >= FALLS_STEPS and not life.fastest
+            if by_model
+            else _would_fall_m(body, life, times) > size_m(body)
+        )
     ]
     for body, life in sorted(free, key=lambda each: each[1].first):
         client = body.client
