@@ -57,7 +57,7 @@ def _stale(use: ArrayUse) -> Message:
     unit = "m" if use.name.endswith(LENGTHS) else ""
     name = Message("{name} of {element}", name=use.name, element=use.element)
     return Message(
-        "{name} is read after the pose was written and before it is computed from that: it is "
+        "{name} is read after positions were set and before it is computed from them: it is "
         "{off} off what the engine computes next",
         name=name if use.element else use.name,
         off=quantity(use.size, unit) if unit else number(use.size),

@@ -36,6 +36,8 @@ POSED = (
     *("geom_xpos", "geom_xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat"),
 )
 """Arrays that are computed from positions."""
+POINTS = ("xpos", "xipos", "subtree_com", "geom_xpos", "site_xpos", "cam_xpos")
+"""Those that have a position in each row."""
 COMPUTED = ("qfrc_passive", "qfrc_actuator", "qfrc_constraint", "actuator_force", "qacc")
 """Arrays that each step computes before it uses them."""
 VIEWS = {
@@ -128,8 +130,16 @@ class ArrayUses:
 
     @property
     def is_stale(self) -> bool:
-        """True if positions were written since anything was computed from them."""
-        if self.is_reset or self.state is None:
+        """True if positions were set since anything was computed from them.
+
+        Before the first computation the model's own positions count as not set: a loop that reads,
+        controls and steps begins with such a reading.
+        """
+        if self.state is None:
+            d = self.ref()
+            own = getattr(getattr(d, "model", None), "qpos0", None)
+            return own is not None and not np.array_equal(d.qpos, own)  # type: ignore[union-attr]
+        if self.is_reset and self.state.elapsed_s:
             return True
         return any(part.saved != part.view for part in self.state.core.parts if part.name == "qpos")
 
@@ -166,7 +176,8 @@ class ArrayUses:
                 off = off[held.row : held.row + 1] if held.row >= 0 else off[held.row :][:1]
             elif not held.element and not _differs_in_all(off, held.name):
                 continue
-            size = float(np.nan_to_num(off).max(initial=0.0))
+            sizes = np.linalg.norm(off.reshape(-1, 3), axis=1) if held.name in POINTS else off
+            size = float(np.nan_to_num(sizes).max(initial=0.0))
             if size > APART:
                 key = "stale", held.name, held.site
                 count = self._counts[key] = self._counts.get(key, 0) + 1
