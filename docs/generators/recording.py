@@ -82,6 +82,9 @@ HAPPENED = {
     "degrees of freedom on which it acts (spin and velocity of the base, then the joints' "
     "rates); MuJoCo only",
     schema.PAIRS: "two links touch: their coefficient of friction; MuJoCo only",
+    schema.ARRAY_USES: "the run ends, for a line of the script that keeps an array without a copy, "
+    "reads it out of date, writes it to no effect, leaves a force in it, or comes after an edit of "
+    "the model that leaves out what depends on it; MuJoCo only",
     schema.SOLVER: "a simulation ends: how often the solver used all its iterations while the "
     "last one still changed a velocity by over 0.01 m/s or rad/s; counted in every eighth step, "
     "while up to 64 bodies move",
