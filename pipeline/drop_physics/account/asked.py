@@ -444,12 +444,12 @@ def _counting(before: Float64, target: Float64, gap: Float64) -> Flags:
     jumped = np.ones(len(target), np.bool_)
     jumped[1:] = (target[1:] != target[:-1]) & np.isfinite(target[1:])
     starts = np.flatnonzero(jumped)
-    for start, end in zip(starts, [*starts[1:], len(target)], strict=True):
-        hold = end - start
-        if hold >= HOLD_STEPS:
-            began = abs(before[start] - target[start])
-            away = gap[start:end] > began * 1.02 + ROUND
-            counts[start:end] = away | (np.arange(hold) >= LATE * hold)
+    holds = np.diff(starts, append=len(target))
+    held = holds >= HOLD_STEPS
+    began, hold = (np.repeat(each[held], holds[held]) for each in (starts, holds))
+    its = np.flatnonzero(np.repeat(held, holds))
+    away = gap[its] > np.abs(before[began] - target[began]) * 1.02 + ROUND
+    counts[its] = away | (its - began >= LATE * hold)
     if jumped.mean() > 0.3 and np.isfinite(gap).any():
         near = np.flatnonzero(gap <= np.nanmedian(gap) * 1.001 + 1e-12)
         counts[: int(near[0])] = False
