@@ -12,7 +12,6 @@ from drop_physics.explain.jsonable import jsonable
 from drop_physics.files.outputs import output_errors
 from drop_physics.messages import Message, joined, localized, shell_command
 from drop_physics.report.blocks import Fact, Facts, Report, Section
-from drop_physics.report.diff import facts_of
 from drop_physics.report.markdown import markdown_of
 from drop_physics.report.words import NONE
 from drop_physics.scenario import Scenario
@@ -194,6 +193,8 @@ def _compared(check: Check, compared: Comparison) -> Iterator[Fact]:
             name = setting.column.removeprefix("engine.")
             yield Fact(Message("engine"), _beside(name, setting.value, setting.golden))
     if check.why is not None:
+        from drop_physics.report.diff import facts_of  # loads what runs scripts again
+
         yield from facts_of(cast("Diff", check.why))
     else:
         yield from _first(check, compared)

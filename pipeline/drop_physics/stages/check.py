@@ -18,7 +18,6 @@ from drop_physics.compare.comparison import Comparison, compare
 from drop_physics.compare.difference import Difference, DropInputs, Side
 from drop_physics.errors import OutputError, RecordingError, check_suffix
 from drop_physics.fields import outside
-from drop_physics.figures.animation import decoded
 from drop_physics.files.outputs import check_apart, check_target, output_errors
 from drop_physics.files.whole import replaced, written_whole
 from drop_physics.messages import Message, shell_command
@@ -344,6 +343,8 @@ def _same_pixels(
 
 def _pixels(png: bytes, path: Path) -> NDArray[np.uint8]:
     """Decode a recorded image to pixels, or raise a RecordingError."""
+    from drop_physics.figures.animation import decoded  # loads Pillow
+
     try:
         return np.asarray(next(decoded([png])))
     except ValueError as error:
