@@ -258,6 +258,49 @@ for i in range(500):
     assert steps[clients == 1].tolist() == [0, *(i // 2 for i in range(500))]
 
 
+def test_calls_of_one_place_may_differ_in_form_and_simulation(tmp_path: Path) -> None:
+    text = (
+        scripts.HEAD
+        + """
+b, q = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True), p.connect(p.DIRECT)
+for client in (0, 0, q, 0):
+    p.setGravity(0, 0, -1.5 - client, physicsClientId=client)
+for given in (dict(force=1), dict(force=2), dict(force=3, maxVelocity=4), dict(maxVelocity=5)):
+    p.setJointMotorControl2(b, 2, p.POSITION_CONTROL, **given)
+left = (each for each in [0, 0, 3])
+for vector in ([0, 0, 1], (0, 0, 2), left, [0, 1], [0, None, 4], [0, 0, 5]):
+    try:
+        p.applyExternalForce(b, -1, vector, [0, 0, 0], p.WORLD_FRAME)
+    except (TypeError, SystemError, p.error) as error:
+        print(error)
+print([*left])
+p.stepSimulation()
+"""
+    )
+    events, _, printed = watched(tmp_path, text)
+    assert printed == bare(tmp_path, text).stdout
+    assert [call for *call, _ in told(events) if call[0] != "loadURDF"][1:] == [
+        *(["setGravity", f"0, 0, {g}"] for g in (-1.5, -1.5, -2.5, -1.5)),
+        *(
+            [MOTOR[0], f"0, 2, 2, {given}"]
+            for given in ("force=1", "force=2", "force=3, maxVelocity=4", "maxVelocity=5")
+        ),
+        *(
+            [PUSH, f"0, -1, {vector}, [0, 0, 0], 2"]
+            for vector in (
+                "[0, 0, 1]",
+                "[0, 0, 2]",
+                "<generator>",
+                "[0, 1]",
+                "[0, None, 4]",
+                "[0, 0, 5]",
+            )
+        ),
+    ]
+    clients = [each.client for each in events if isinstance(each, Calls) for _ in each.steps]
+    assert clients.count(1) == 1
+
+
 def test_results_and_errors_belong_to_their_calls(tmp_path: Path) -> None:
     text = (
         scripts.HEAD
