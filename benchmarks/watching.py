@@ -138,7 +138,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     pairs, share = (1, 100) if quick else (5, 1)
     for name, scene in [*SCENES.items()][: 1 if quick else None]:
         path = _written(folder, scene.load, scene.call, scene.steps // share)
-        ways = (_watched, _bare, _logged, _reading)
+        ways = (watched, bare, _logged, _reading)
         runs = [[way(path) for way in ways] for _ in range(pairs)]
         ours, theirs, logged, read = ([*times] for times in zip(*runs, strict=True))
         detail = f"{_over(ours, theirs)}; only reading the same: {_over(read, theirs)}"
@@ -205,9 +205,9 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
 def _of_call(folder: Path, load: str, call: str, steps: int) -> tuple[float, float]:
     """Return the time that calls add to a step [µs], watched and bare."""
     with_call = _written(folder, load, call, steps)
-    watched_us, bare_us = _watched(with_call), _bare(with_call)
+    watched_us, bare_us = watched(with_call), bare(with_call)
     without = _written(folder, load, "pass", steps)
-    return watched_us - _watched(without), bare_us - _bare(without)
+    return watched_us - watched(without), bare_us - bare(without)
 
 
 def _written(folder: Path, load: str, call: str, steps: int) -> Path:
@@ -224,21 +224,23 @@ def _over(ours: list[float], theirs: list[float]) -> str:
 
 def _logged(path: Path) -> float:
     """Return the time per step [µs] of a script that logs by hand."""
-    return _bare(path, "log")
+    return bare(path, "log")
 
 
 def _reading(path: Path) -> float:
     """Return the time per step [µs] of a script that reads as much, and keeps nothing."""
-    return _bare(path, "read")
+    return bare(path, "read")
 
 
-def _bare(path: Path, *words: str) -> float:
+def bare(path: Path, *words: str) -> float:
+    """Return the time that a script prints last."""
     command = [sys.executable, path, *words]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return float(done.stdout.split()[-1])
 
 
-def _watched(path: Path) -> float:
+def watched(path: Path) -> float:
+    """Return the time that a script prints last when it is watched."""
     printed = path.with_name("printed.txt")
     with printed.open("wb") as stdout, Path(os.devnull).open("wb") as stderr:
         program = Program(str(path), (), sys.executable)
