@@ -423,7 +423,8 @@ def _way(
     if put:
         told = told + Message(
             "; the script wrote its state, steps move it by {stepped}",
-            stepped=_along_axes(stepped_m, size_m) or quantity(0.0, "m"),
+            stepped=_along_axes(stepped_m, size_m)
+            or quantity(float(stepped_m @ main) / size_m, "m", "+"),
         )
         if written.stopped > STEADY * written.written:
             told = told + Message("; {count:,} of these writes stop it", count=written.stopped)

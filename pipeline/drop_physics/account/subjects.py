@@ -84,10 +84,10 @@ def in_weights(force_n: float, subject: MeasuredBody, name: str) -> Message:
     return Message("{times} times the weight of {body}", times=times, body=name)
 
 
-def turning_rad_s(subject: MeasuredBody, *, before: bool = False) -> float:
-    """Return a floating base's mean rotation rate in the last tenth of its steps [rad/s].
+def turning_rad_s(subject: MeasuredBody, *, before: bool = False) -> Float64:
+    """Return a floating base's mean angular velocity in the last tenth of its steps, shape (3,).
 
-    With `before`, the rate is that in the preceding tenth.
+    With `before`, it is that in the preceding tenth.
     """
     ledger = subject.ledger
     known = np.flatnonzero(ledger.counts)
@@ -95,8 +95,8 @@ def turning_rad_s(subject: MeasuredBody, *, before: bool = False) -> float:
     late = known[-2 * tenth : -tenth] if before else known[-tenth:]
     seconds = float(ledger.seconds[late].sum())
     if subject.tree.fixed or not seconds:
-        return 0.0
-    return float(np.linalg.norm(ledger.way[late, :3].sum(axis=0))) / seconds
+        return np.zeros(3)
+    return np.asarray(ledger.way[late, :3].sum(axis=0) / seconds)
 
 
 def _size_m(body: Body, tree: Tree) -> float:

@@ -75,18 +75,19 @@ def _turning_row(
     number, ledger = subject.body.number, subject.ledger
     late = ledger.last - max(1, (ledger.last - ledger.first) // 10)
     keys = [key for key in links if number in key[:2] and links[key].last_step > late]
-    spin = turning_rad_s(subject)
+    mean = turning_rad_s(subject)
+    spin = float(np.linalg.norm(mean))
     if subject.tree.links or spin <= TURNING_RAD_S or not keys:
         return None
-    earlier = turning_rad_s(subject, before=True)
+    earlier = float(np.linalg.norm(turning_rad_s(subject, before=True)))
     if not earlier / STEADY < spin < earlier * STEADY:  # it is slowed down, or sped up
         return None
     if any(_resists_turning(key, seen) for key in keys):
         return None
     if any(other in subjects for key in keys for other in key[:2] if other != number):
         return None  # what moves may turn it
-    last = ledger.ends.velocity[np.flatnonzero(ledger.counts)[-1], :3]
-    end = float(np.linalg.norm(last))
+    # What trembles turns to and fro, and stays where it is.
+    end = float(ledger.ends.velocity[np.flatnonzero(ledger.counts)[-1], :3] @ mean) / spin
     told = Message(
         "it still turns at {spin} rad/s at the end; their contact has no torsional and no "
         "rolling friction",
