@@ -261,7 +261,7 @@ def rate_row(
     if at_limit:
         told = told + Message("; its drive at its limit")
     along, off = axis_at_end(subject, axis), off_axle(subject, axis.joint)
-    told = told + Message("; axis along the world's {axis}", axis=along) + off
+    told = told + Message("; axis along the world's {axis} at the end", axis=along) + off
     return AccountRow(
         kind="asked",
         joint=axis.name,
@@ -404,7 +404,9 @@ def clamped_rows(
         if actuator.ctrl_range is None or not np.isfinite(given).any():
             continue
         low, high = actuator.ctrl_range
-        outside: Flags = (given < low - 1e-12) | (given > high + 1e-12)
+        below: Flags = given < low - 1e-12
+        above: Flags = given > high + 1e-12
+        outside = below | above
         if not outside.any():
             continue
         at = int(np.nanargmax(np.where(outside, np.abs(given), 0.0)))
@@ -412,16 +414,7 @@ def clamped_rows(
         yield AccountRow(
             kind="asked",
             actuator=actuator.name,
-            told=Message(
-                "ctrl {asked}, clamped to {got} by its range {low} to {high} in {steps:,} of "
-                "{of:,} steps",
-                asked=number(asked),
-                got=number(got),
-                low=number(low),
-                high=number(high),
-                steps=int(outside.sum()),
-                of=len(given),
-            ),
+            told=_clamped(actuator, asked, int(below.sum()), int(above.sum()), len(given)),
             asked=asked,
             got=got,
             gap=got - asked,
@@ -431,6 +424,28 @@ def clamped_rows(
             subject=subject.body,
             group=("clamped", subject.kind, round(asked, 6)),
         )
+
+
+def _clamped(actuator: Actuator, asked: float, below: int, above: int, steps: int) -> Message:
+    """Describe in how many steps a control is clamped to the ends of its range."""
+    assert actuator.ctrl_range is not None
+    low, high = actuator.ctrl_range
+    got, most, least = (high, above, below) if asked > high else (low, below, above)
+    known = {"asked": number(asked), "got": number(got), "of": steps, "steps": most}
+    if least:
+        return Message(
+            "ctrl {asked}, clamped to {got} in {steps:,} and to {other} in {least:,} of {of:,} "
+            "steps",
+            **known,
+            other=number(low if asked > high else high),
+            least=least,
+        )
+    return Message(
+        "ctrl {asked}, clamped to {got} by its range {low} to {high} in {steps:,} of {of:,} steps",
+        **known,
+        low=number(low),
+        high=number(high),
+    )
 
 
 def _counting(before: Float64, target: Float64, gap: Float64) -> Flags:

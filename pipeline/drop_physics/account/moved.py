@@ -106,6 +106,8 @@ def joint_row(
         why = Message("no motor commands it; a constraint acts on it") + coupled
     elif subject.body.actuators and not ledger.seconds.any():
         why = Message("what drives it is not known, as no step is explained")
+    elif axis.joint.kind == "spherical":
+        why = Message("no target of its motor is known")
     else:
         why = Message("nothing commands it")
     why = why + starts_beyond(axis.joint, start, axis.unit)

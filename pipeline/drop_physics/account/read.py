@@ -286,13 +286,16 @@ def _sees_nothing(sensor: Sensor) -> bool:
 
 def _whom(reading: Reading, words: RowWords) -> str:
     """Return the names of the bodies whose contacts a script line reads."""
-    for target in reading.targets[:1]:
-        one = words.names.link(target.body, BASE if target.link is None else target.link)
-        if target.other is None:
-            return one
-        at = BASE if target.other_link is None else target.other_link
-        return f"{one} × {words.names.link(target.other, at)}"
-    return Message("all bodies")
+    if not reading.targets:
+        return Message("all bodies")
+    first, *more = reading.targets
+    whom = words.names.link(first.body, BASE if first.link is None else first.link)
+    if first.other is not None:
+        at = BASE if first.other_link is None else first.other_link
+        whom = f"{whom} × {words.names.link(first.other, at)}"
+    if more:
+        whom = Message("{first} and {more} more", first=whom, more=len(more))
+    return whom
 
 
 def _points(answers: Mapping[str, Answer]) -> Message:
@@ -335,7 +338,12 @@ def _pressing(
                 told = told + Message(": {line} filters it", line=line)
                 break
         return told
-    return Message("; contacts press with {force} in the median", force=quantity(force_n, "N"))
+    force = quantity(force_n, "N")
+    if len(reading.targets) > 1:
+        return Message(
+            "; the contacts of all of these press with {force} in the median", force=force
+        )
+    return Message("; contacts press with {force} in the median", force=force)
 
 
 def _meant(target: Target, key: PairKey) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -28,6 +28,7 @@ from drop_physics.engines.mujoco.described import (
     standing_base,
     xyzw,
 )
+from drop_physics.engines.mujoco.explain.asked import answers_in
 from drop_physics.engines.mujoco.explain.reasons import EXPLAINED, OTHER
 from drop_physics.engines.mujoco.framed import FramesOfSteps, KeptFrames, shared_by
 from drop_physics.engines.mujoco.frames import CAUSES
@@ -519,7 +520,7 @@ class MujocoDecoder:
         if rows.steps:
             yield self._gathered(its, rows)
         yield from puts
-        yield from self._controls(its, first)
+        yield from self._controls(its, first, piece.answers)
         yield self._sampled(its, piece, first, end)
 
     def _beginning(self, its: MujocoSimulation) -> Iterator[Event]:
@@ -616,12 +617,16 @@ class MujocoDecoder:
 
     # -- states -----------------------------------------------------------------------------------
 
-    def _controls(self, its: MujocoSimulation, first: int) -> Iterator[Controls]:
-        """Yield the actuator controls where they changed."""
+    def _controls(
+        self, its: MujocoSimulation, first: int, answers: Sequence[tuple[int, bytes]]
+    ) -> Iterator[Controls]:
+        """Yield the actuator controls where they changed; those of callbacks are in effect."""
         names = tuple(its.described.names["actuator"]) if its.apart_s is None else ()
         given, its.given = its.given, {}
         if first == its.first and names:
             given = {first: np.zeros(len(names)), **given}
+        if names:
+            given = _with_callbacks(its, given, answers)
         if not given or not names or any(len(each) != len(names) for each in given.values()):
             return
         steps = np.array(sorted(given), np.int64)
@@ -891,3 +896,27 @@ def _edited_bodies(its: MujocoSimulation, edits: list[Edited]) -> set[int]:
         bodies = rows if kind == "body" else arrays[f"{kind}_bodyid"][rows]
         found |= {link_of[body][0] for body in bodies.tolist() if body in link_of}
     return found
+
+
+def _with_callbacks(
+    its: MujocoSimulation, given: Mapping[int, Float64], answers: Sequence[tuple[int, bytes]]
+) -> dict[int, Float64]:
+    """Return controls by the steps where they change, including those that callbacks write."""
+    written: dict[int, list[bytes]] = {}
+    for step, payload in answers:
+        written.setdefault(step, []).append(payload)
+    whole: dict[int, Float64] = {}
+    for step in sorted({*given, *written}):
+        ctrl = given.get(step, its.ctrl)
+        for payload in written.get(step, ()):
+            for _, parts in answers_in(payload, int(its.arrays["nv"].item())):
+                for name, indices, values in parts if isinstance(parts, list) else ():
+                    if name == "ctrl" and ctrl is not None:
+                        ctrl = ctrl.copy()
+                        ctrl[... if indices is None else indices] = values
+        if ctrl is None:
+            continue
+        if step in given or its.ctrl is None or not np.array_equal(ctrl, its.ctrl):
+            whole[step] = ctrl
+        its.ctrl = ctrl
+    return whole

@@ -10,6 +10,8 @@ from typing import Any
 from . import ENGINES
 
 _ENGINES = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+OURS = os.path.join(_ENGINES, "")
+"""The folder of all of drop's code that runs in the process of a script."""
 WRAPPERS = (
     os.path.join(_ENGINES, "watching", ""),
     *(os.path.join(_ENGINES, name, "watch", "") for name in ENGINES),

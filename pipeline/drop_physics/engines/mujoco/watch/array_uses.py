@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...watching.hidden import WRAPPERS, hide
+from ...watching.hidden import OURS, hide
 from ..frames import note_bytes
 
 if TYPE_CHECKING:
@@ -312,7 +312,7 @@ def _note(watch: MujocoWatch, name: str, uses: ArrayUses | None, owner: Any, arr
     checked = name in COMPUTED and watch.only_read.get(key, 0) <= CHECKS
     if name in COMPUTED and not checked and getrefcount(array) <= MANY:
         return
-    if not watch.host.on or watch.pipe.muted or place.f_code.co_filename.startswith(WRAPPERS):
+    if not watch.host.on or watch.pipe.muted or place.f_code.co_filename.startswith(OURS):
         return
     if watch.callbacks and watch.stepping.get(get_ident()) is not None:
         return  # within a step, what a callback writes has an effect
