@@ -206,7 +206,8 @@ def _outdone_row(
 ) -> AccountRow | None:
     """Return the row for a link's friction coefficient that the other's, a greater one, replaces.
 
-    There is none where the lesser coefficient would have held the links, too, or is the default.
+    There is none where both coefficients hold the links, where neither does, or where the lesser
+    one is the default.
     """
     sides = key[::2], key[1::2]
     both = [_friction(seen, body, link) for body, link in sides]
@@ -218,7 +219,7 @@ def _outdone_row(
     assert most is not None
     if not np.isclose(touched.friction, most) or least == DEFAULT_FRICTION:
         return None
-    if reached <= least or np.isclose(reached, least):
+    if reached <= least or np.isclose(reached, (least, most)).any():
         return None
     return AccountRow(
         kind="idle",

@@ -65,7 +65,7 @@ LOADS = ("LOAD_FAST", "LOAD_NAME", "LOAD_GLOBAL", "LOAD_DEREF", "LOAD_CONST", "L
 """Instructions that load an index; their names may have a suffix."""
 
 
-class Held(NamedTuple):
+class GotArray(NamedTuple):
     """An array as it was when the script got it."""
 
     name: str
@@ -116,9 +116,9 @@ class ArrayUses:
         self.view: Any = b""
         self.is_reset = True
         """Whether nothing was computed from positions since they were set as a whole."""
-        self.read: dict[Any, Held] = {}
+        self.read: dict[Any, GotArray] = {}
         """Arrays that were read while out of date, until they are computed."""
-        self.got: dict[Any, Held] = {}
+        self.got: dict[Any, GotArray] = {}
         """Arrays that the script may have written, until they are computed."""
         self.forces: dict[str, LeftForce] = {}
         self.kept: dict[int, KeptArray] = {}
@@ -337,7 +337,7 @@ def _note(watch: MujocoWatch, name: str, uses: ArrayUses | None, owner: Any, arr
                 if wanted and which not in held:
                     row = None if view else _row_of(place)
                     element = view.name if view else ""
-                    held[which] = Held(
+                    held[which] = GotArray(
                         name,
                         element,
                         array,

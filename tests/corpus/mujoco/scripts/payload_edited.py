@@ -1,0 +1,23 @@
+"""The arm rests on its stop at 30 degrees. With a payload of 6 kg it goes through the stop."""
+
+import math
+import sys
+
+import mujoco
+
+FIX = "fix" in sys.argv
+XML = """<mujoco><option timestep="0.002"/><worldbody><body name="arm" pos="0 0 1">
+  <joint name="shoulder" axis="0 1 0" range="-30 30" damping="0.5"/>
+  <geom type="capsule" size="0.03" fromto="0 0 0 0.5 0 0" mass="1"/>
+  <body name="payload" pos="0.5 0 0"><geom type="sphere" size="0.05" mass="0.1"/></body></body>
+  </worldbody></mujoco>"""
+model = mujoco.MjModel.from_xml_string(XML)
+data = mujoco.MjData(model)
+payload = model.body("payload").id
+for k in range(2000):
+    if k == 1000:
+        model.body_mass[payload] = 6
+        if FIX:
+            mujoco.mj_setConst(model, mujoco.MjData(model))
+    mujoco.mj_step(model, data)
+print("beyond the stop by degrees:", math.degrees(data.qpos[0]) - 30)
