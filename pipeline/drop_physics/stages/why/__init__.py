@@ -132,7 +132,7 @@ class Why(Printable, reported_by="drop_physics.report.why"):
 def why(asked: verbs.WhyArguments) -> Why:
     """Record a script, make a trial run with each change that findings suggest, and compare.
 
-    With an expectation, generic changes are tried in place of proposals.
+    With an expectation, generic changes are tried after the fixes that findings suggest.
 
     Raises
     ------
