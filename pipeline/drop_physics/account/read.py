@@ -40,7 +40,7 @@ LEAST_N = 1e-9
 UNITS = {"touch": "N", "force": "N", "rangefinder": "m"}
 """Units of the sensors that have a row."""
 NOTHING_M = -1.0
-"""What a rangefinder reads whose ray meets nothing."""
+"""The reading of a rangefinder whose ray meets nothing."""
 SEES_NOTHING = 1.5
 """The salience of a rangefinder that never meets anything."""
 LEAST = 0.03

@@ -86,7 +86,7 @@ def _turning_row(
         return None
     if any(other in subjects for key in keys for other in key[:2] if other != number):
         return None  # what moves may turn it
-    # What trembles turns to and fro, and stays where it is.
+    # A body that trembles turns to and fro, and stays where it is.
     end = float(ledger.ends.velocity[np.flatnonzero(ledger.counts)[-1], :3] @ mean) / spin
     told = Message(
         "it still turns at {spin} rad/s at the end; their contact has no torsional and no "

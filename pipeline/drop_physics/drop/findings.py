@@ -29,7 +29,7 @@ from drop_physics.trace.states import BODY_LABEL
 
 @dataclass(frozen=True, kw_only=True)
 class Said:
-    """What a rule says about a drop."""
+    """The numbers and words that a rule reports about a drop."""
 
     message: Message
     advice: Message | None = None

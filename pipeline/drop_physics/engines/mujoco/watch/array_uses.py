@@ -37,7 +37,7 @@ POSED = (
 )
 """Arrays that are computed from positions."""
 POINTS = ("xpos", "xipos", "subtree_com", "geom_xpos", "site_xpos", "cam_xpos")
-"""Those that have a position in each row."""
+"""Names of the arrays that have a position in each row."""
 COMPUTED = ("qfrc_passive", "qfrc_actuator", "qfrc_constraint", "actuator_force", "qacc")
 """Arrays that each step computes before it uses them."""
 VIEWS = {

@@ -142,7 +142,7 @@ class SensorExtremes:
         ends = np.cumsum([0, *(view.nbytes for view in views)]).tolist()
         last = self._last.data.cast("B")
         self._read = [(last[a:b], view) for a, b, view in zip(ends, ends[1:], views)]
-        """Where the last readings are kept, and the current ones."""
+        """Pairs of memory for each sensor: of the last reading, and of the current one."""
         self._is_first = True
         self.place = begin, rows.shape[1]
         """Index of the first extreme in the shared memory, and the number of readings."""

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .worlds import WatchedWorld
 
     Before = Callable[[WatchedWorld, tuple[Any, ...], dict[str, Any]], Any]
-    """What is done before a call is sent: its simulation, and its arguments by place and by name.
+    """A function that prepares a call; it takes the simulation, and arguments by place and by name.
     """
     Send = Callable[[tuple[Any, ...], dict[str, Any]], Any]
     """Sends a call, and returns the result of `Before`, or None."""
